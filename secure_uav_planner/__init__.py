@@ -10,16 +10,16 @@ from .mission.formats.airspace_file import read_zones
 from .mission.geography import Origin
 from .mission.participants import Propulsion
 from .mission.propagation import reference_snr_db
-from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
+from .mission.scenario import Channel, Eavesdropper, GroundNode, NoFlyZone, Scenario, Uav
 from .optimize import fly_hover_fly, METHODS, solve
 from .plan import Bound, Iteration, Plan
 
 if TYPE_CHECKING:
     from .apps.campaigns import run_campaign
 
-__all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
-           'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
-           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'run_campaign',
+__all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'GroundNode', 'Iteration', 'METHODS',
+           'NoFlyZone', 'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav',
+           'World', 'assess', 'fly_hover_fly', 'read_zones', 'reference_snr_db', 'run_campaign',
            'shortest_duration', 'solve', 'upper_bound']
 
 try:

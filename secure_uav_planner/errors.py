@@ -177,7 +177,8 @@ def yaml_notation() -> Iterator[None]:
         _yaml_notation.reset(token)
 
 
-_NOUNS = {'Scenario': 'mission', 'Uav': 'UAV', 'NoFlyZone': 'no-fly zone'}
+_NOUNS = {'Scenario': 'mission', 'Uav': 'UAV', 'NoFlyZone': 'no-fly zone',
+          'GroundNode': 'ground node'}
 
 
 def describe_class(kind: type[Any]) -> str:

@@ -12,6 +12,7 @@ from secure_uav_planner import (
     assess, Assessment, Bound, Channel, fly_hover_fly, Iteration, NoFlyZone, Origin, Propulsion,
     Scenario, upper_bound, World)
 from secure_uav_planner.errors import PlanFileError, PlanningError
+from secure_uav_planner.mission.fields import REQUIRED
 from secure_uav_planner.plan.playback import Moment, Playback
 
 API = (Path(__file__).parents[1] / 'docs' / 'api.rst').read_text()
@@ -81,7 +82,8 @@ def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_p
     instances, right = examples
     call = dict(list_public())[name] if owner is None else getattr(instances[owner], name)
     required = {name: right[name] for name, value in inspect.signature(call).parameters.items()
-                if value.default is value.empty or name == 'position'}
+                if value.default in (value.empty, REQUIRED)
+                or name in ('position', 'ground_node')}
     if 'data' in required:
         required['data'] = getattr(instances[owner], 'to_dict', dict)()
     for value in WRONG:

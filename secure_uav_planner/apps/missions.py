@@ -119,9 +119,9 @@ def check_mission(options: argparse.Namespace) -> int:
 
 def _note_tracks(scenario: Scenario) -> Iterator[str]:
     """Yield a note for each track that hardly meets the flight, in time or in its unit."""
-    tracks = [('ground_node', scenario.ground_node_track), *(
-        (name, eve.track) for name, eve in zip(
-            scenario.eavesdropper_names, scenario.eavesdroppers, strict=True))]
+    names = *scenario.ground_node_names, *scenario.eavesdropper_names
+    tracks = [(name, receiver.track) for name, receiver in zip(
+        names, (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True)]
     ends = np.concatenate([scenario.starts, scenario.goals])
     flight = scenario.times[-1]
     for name, track in tracks:

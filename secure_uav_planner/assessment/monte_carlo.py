@@ -35,7 +35,9 @@ class Assessment:
     The secrecy rates of a plan in the drawn worlds, and how often slots miss theirs.
 
     The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
-    equation (6), with the gains that the channel has in each slot.
+    equation (6), with the gains that the channel has in each slot; with several ground nodes, the
+    least of their means in their shares, over their weights. The rate of a slot is that of all
+    nodes together.
 
     :ivar plan: the Plan.
     :ivar world: how the world may differ.
@@ -96,8 +98,8 @@ class Assessment:
 
     @property
     def promised_rate(self) -> float:
-        """Mean of promised_rates in bit/s/Hz."""
-        return float(self.promised_rates.mean())
+        """Rate of the plan's objective, which is promised, in bit/s/Hz."""
+        return self.plan.rate
 
     @property
     def outage(self) -> float:
@@ -161,16 +163,19 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     positions = plan.positions[:, 1:-1] if flown is None else _checked(flown, plan, world)
     promised = promised_rates(plan)
     step, count = scenario.slot_duration, scenario.slots
-    sums, delivered = np.zeros(draws), np.zeros(draws)
+    sums, delivered = np.zeros((len(plan.shares), draws)), np.zeros(draws)
     fan, outages = np.empty((len(FAN), count)), np.empty(count)
-    for slot, rates in enumerate(_rates(scenario, positions, plan.powers, draws, seed, world)):
-        np.maximum(rates, 0.0, out=rates)
+    for slot, node_rates in enumerate(
+            _rates(scenario, positions, plan.powers, draws, seed, world)):
+        shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
+        rates = shared.sum(axis=0)
         kept = rates >= promised[slot] - _ROUNDING
-        sums += rates
+        sums += shared
         delivered += step * promised[slot] * kept
         outages[slot] = np.count_nonzero(~kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
-    return Assessment(plan, world, draws, seed, read_only(sums / count), read_only(fan),
+    least = (sums / count / scenario.node_weights[:, None]).min(axis=0)
+    return Assessment(plan, world, draws, seed, read_only(least), read_only(fan),
                       read_only(outages), read_only(delivered), promised, flown is not None)
 
 
@@ -224,33 +229,36 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
 
 def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
            world: World) -> Iterator[Array]:
-    """Yield r_0 - r_e in each slot, (D,) in bit/s/Hz, a new array every time."""
-    channel, count = scenario.channel, len(scenario.eavesdroppers)
+    """Yield r_k - r_e of the ground nodes in each slot, (G, D) in bit/s/Hz."""
+    channel, nodes = scenario.channel, len(scenario.ground_nodes)
+    count = nodes + len(scenario.eavesdroppers)
     places = drawn.places(scenario, world, draws, seed)
-    advantages = [1.0, *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
+    advantages = [*[1.0] * nodes,
+                  *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
     errors: Iterator[Any] = repeat(0.0)
     sights: Iterator[Any] = repeat(None)
-    fading: Iterator[Any] = repeat(np.ones((1, 1 + count, 1)))
+    fading: Iterator[Any] = repeat(np.ones((1, count, 1)))
     if world.tracking_std:
         errors = drawn.tracking_errors(scenario, world, draws, seed)
     if channel.los is not None and world.los_distance is not None:
         sights = drawn.sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
-        fading = drawn.fading(channel.rician_k_db, (len(positions), 1 + count), draws, seed)
+        fading = drawn.fading(channel.rician_k_db, (len(positions), count), draws, seed)
     # The mean gain, of which lines of sight and fading are drawn.
     link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
     slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None],
-                scenario.receivers.ground_node, strict=True)
-    for (uavs, watts, ground), eves, error, sight, fade in zip(
+                scenario.receivers.ground_nodes.swapaxes(0, 1), strict=True)
+    for (uavs, watts, grounds), eves, error, sight, fade in zip(
             slots, places, errors, sights, fading):
         uavs = uavs + error
         rates = []
-        for number, (place, advantage) in enumerate(zip([ground, *eves], advantages, strict=True)):
+        for number, (place, advantage) in enumerate(
+                zip([*grounds, *eves], advantages, strict=True)):
             squared = ((uavs - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))
-        leaks = np.stack(rates[1:], axis=-1)
+        leaks = np.stack(rates[nodes:], axis=-1)
         leak = combine_leaks(leaks) if scenario.colluding else leaks.max(axis=-1)
-        yield np.broadcast_to(rates[0] - leak, (draws,)).copy()
+        yield np.broadcast_to(np.stack([rate - leak for rate in rates[:nodes]]), (nodes, draws))

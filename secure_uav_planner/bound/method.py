@@ -96,8 +96,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         second; returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
-        another scenario, or a scenario for which nothing is proven: with several jammers,
-        tracks, or another channel than free space, with or without fading.
+        another scenario, or a scenario for which nothing is proven: with several jammers or
+        ground nodes, tracks, or another channel than free space, with or without fading.
     """
     checked_kind('scenario', scenario, Scenario)
     checked_choice('objective', objective, OBJECTIVES)
@@ -124,7 +124,10 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
 def explain_refusal(scenario: Scenario) -> str:
     """Return the reason for which a scenario has no bound, in one line; empty if it has one."""
-    jammers = len(scenario.uavs) - 1
+    jammers, nodes = len(scenario.uavs) - 1, scenario.ground_nodes
+    if len(nodes) > 1 or nodes[0].weight != 1:
+        return (f'scenario has {len(nodes)} ground_nodes; the proof of upper_bound holds for a '
+                'single one of weight 1')
     if jammers > 1:
         return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
     if not scenario.channel.is_inverse_square:

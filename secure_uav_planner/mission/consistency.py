@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from .kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
-from .participants import Eavesdropper, Uav
+from .participants import Eavesdropper, GroundNode, Uav
 from .polygons import depth, Vertices
 from .validation import round_down
 from ..errors import InfeasibleMissionError, quote, ScenarioError
@@ -22,7 +22,8 @@ POSITION_TOLERANCE = 1e-6
 MAX_COUPLINGS = 10**7
 """The most pairs of variables of a slot, slots * (3 uavs)^2: a step then takes about 1 s."""
 
-_DEFAULT_NAME = 'eavesdroppers', Eavesdropper.name  # Several may have it.
+_DEFAULT_NAMES = (  # Several may have it.
+    ('eavesdroppers', Eavesdropper.name), ('ground_nodes', GroundNode.name))
 
 
 def find_inconsistencies(scenario: 'Scenario') -> Iterator[ScenarioError]:
@@ -35,10 +36,10 @@ def find_inconsistencies(scenario: 'Scenario') -> Iterator[ScenarioError]:
 
 def _check_size(scenario: 'Scenario') -> Iterator[ScenarioError]:
     """Yield the errors of names and of the number of variables."""
-    for field in ('uavs', 'eavesdroppers'):
+    for field in ('uavs', 'eavesdroppers', 'ground_nodes'):
         names = [member.name for member in getattr(scenario, field)]
         for number, name in enumerate(names):
-            if name in names[:number] and (field, name) != _DEFAULT_NAME:
+            if name in names[:number] and (field, name) not in _DEFAULT_NAMES:
                 yield ScenarioError(f'{field} are named {quote(names)}; the names must be '
                                     'unique', (field, number, 'name'))
     most = MAX_COUPLINGS // (3 * len(scenario.uavs))**2

@@ -271,11 +271,17 @@ class Checked:
     _OWNER: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
+        raise_all(find_field_errors(type(self), {
+            name: value for name, value in vars(self).items() if value is not REQUIRED}))
         raise_all(FieldChecks(type(self), self))
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
         """Add the errors of values that do not fit each other."""
+
+
+REQUIRED: Any = object()
+"""The default of a field without one that follows a field with one."""
 
 
 def find_field_errors(kind: type[Any], data: object) -> Iterator[ScenarioError]:
@@ -291,7 +297,7 @@ def find_field_errors(kind: type[Any], data: object) -> Iterator[ScenarioError]:
             hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(names)}'
             yield ScenarioError(f'{noun} has no field {quote(name)}{hint}', (name,))
     missing = [field.name for field in fields(kind)
-               if field.default is MISSING and field.name not in data]
+               if field.default in (MISSING, REQUIRED) and field.name not in data]
     if missing:
         yield ScenarioError(f'{noun} lacks {", ".join(missing)}')
 
@@ -316,5 +322,5 @@ def read_object(kind: type[Any], data: object, owner: str = '') -> Any:
     if isinstance(data, Mapping):
         given = {field.name: data.get(field.name, field.default) for field in fields(kind)}
         errors += FieldChecks(kind, SimpleNamespace(**{
-            name: value for name, value in given.items() if value is not MISSING}))
+            name: value for name, value in given.items() if value not in (MISSING, REQUIRED)}))
     raise_all(errors)

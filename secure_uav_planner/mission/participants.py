@@ -1,6 +1,7 @@
 """The participants of a mission: UAVs with their propulsion, eavesdroppers, no-fly zones."""
 
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any
 
@@ -63,6 +64,37 @@ class Eavesdropper(Checked):
                        'there must be a track')
         elif item.track is None and item.error_radius is None:
             object.__setattr__(item, 'error_radius', 0.0)
+
+
+@dataclass(frozen=True)
+class GroundNode(Checked):
+    """
+    A ground node, for which a share of each slot is transmitted.
+
+    :param position: w_k, (x, y) in m, at altitude zero; left out with a track.
+    :param name: used in messages, topics and pictures.
+    :param weight: of its rate: the least of the rates divided by weights is maximised.
+    :param track: of a node that moves, its place at 2 to 1000 times: (t, x, y) each, as in the
+        track of an Eavesdropper.
+    :raises ScenarioError: naming the field, its value and what is allowed.
+    """
+
+    position: Point = field(default=LEFT_OUT, metadata=checked_by(checked_point))
+    name: str = field(default='ground_node', metadata=checked_by(checked_name))
+    weight: float = field(default=1.0, metadata=number(1e-3, 1e3))
+    track: Track | None = field(
+        default=None, metadata=checked_by(partial(checked_track, radius=False)))
+
+    _OWNER = 'ground node '
+
+    @staticmethod
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
+        if item.track is not None and checks.are_right('position', 'track'):
+            set_by_track(checks, 'position', item.track)
+        elif item.track is None and item.position is None:
+            checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
+                       'there must be a track')
 
 
 @dataclass(frozen=True)

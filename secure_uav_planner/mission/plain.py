@@ -20,11 +20,13 @@ def to_plain(scenario: 'Scenario') -> dict[str, Any]:
     for field in ('channel', 'colluding', 'ground_node_track', 'origin'):
         if getattr(scenario, field) == getattr(type(scenario), field):
             del data[field]
+    # A ground_node is also the only one of the ground_nodes.
+    del data['ground_nodes' if scenario.ground_node is not None else 'ground_node']
     if 'ground_node_track' in data:
         data['ground_node'] = {'track': data.pop('ground_node_track')}
-    for eve in data['eavesdroppers']:
-        for field in ('track',) if eve['track'] is None else ('position', 'error_radius'):
-            del eve[field]
+    for receiver in (*data['eavesdroppers'], *data.get('ground_nodes', ())):
+        for field in ('track',) if receiver['track'] is None else ('position', 'error_radius'):
+            receiver.pop(field, None)
     for zone in data['no_fly_zones']:
         if math.isinf(zone['ceiling']):
             zone['ceiling'] = None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 import math
 import os
 from typing import Any, TYPE_CHECKING
@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
 from .fields import (
     Block, Checked, checked_by, checked_fields, checked_point, checked_truth, FieldChecks, Members,
-    number, Point, raise_all, WholeNumber)
+    number, Point, raise_all, REQUIRED, WholeNumber)
 from .files import checked_path
 from .geography import Origin
 from .kinematics import DURATION
-from .participants import Eavesdropper, NoFlyZone, Uav
+from .participants import Eavesdropper, GroundNode, NoFlyZone, Uav
 from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
@@ -26,7 +26,7 @@ from .tracks import (
     Track)
 from .validation import (
     Array, checked_array, checked_kind, checked_real, make_unique, read_only)
-from ..errors import name_missing_package, ScenarioError
+from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,17 +34,26 @@ if TYPE_CHECKING:
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
 
+MAX_NODES = 16
+"""The most ground nodes."""
+
 MAX_ZONES = 64
 """The most no-fly zones."""
 
-__all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
-           'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav', 'checked_fields',
-           'read_only']
+__all__ = ['Array', 'Channel', 'Eavesdropper', 'GroundNode', 'MAX_COUPLINGS', 'MAX_MEMBERS',
+           'MAX_NODES', 'MAX_ZONES', 'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav',
+           'checked_fields', 'read_only']
 
 
-def _checked_ground_node(owner: str, name: str, value: Any) -> Point | None:
-    """Return a point, or None, which a track decides."""
-    return None if value is None else checked_point(owner, name, value)
+class _Single(tuple[GroundNode, ...]):
+    """The ground node that Scenario.ground_node describes, which `replace` may change there."""
+
+
+def _checked_nodes(owner: str, name: str, value: Any) -> tuple[GroundNode, ...]:
+    """Return ground nodes as a tuple; none where there is a ground_node."""
+    least = 0 if value == () else 1
+    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(
+        owner, name, value)
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
@@ -61,10 +70,11 @@ class Scenario(Checked):
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
-    UAV 0 transmits to the ground node, the others jam. Point n of a trajectory is at time
+    UAV 0 transmits to the ground nodes, the others jam. Point n of a trajectory is at time
     n * duration / slots, n = 0..slots+1; power n holds from point n to point n + 1, n = 1..slots.
 
-    :param ground_node: w_0, (x, y) in m, at altitude zero; None with a ground_node_track.
+    :param ground_node: w_0, (x, y) in m, at altitude zero; None with a ground_node_track, or with
+        ground_nodes.
     :param eavesdroppers: at least one Eavesdropper.
     :param uavs: at least one Uav; names are unique, and all have a max_acceleration or none.
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
@@ -83,6 +93,9 @@ class Scenario(Checked):
     :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
         each, as in the track of an Eavesdropper. Then ground_node is that at point 0, and another
         value is an error.
+    :param ground_nodes: up to 16 GroundNode instead of ground_node, between which each slot is
+        shared. A single one with the default name and weight becomes the ground_node, as that
+        becomes the only one of these.
     :param origin: the Origin, which says where on Earth (0, 0) is; None where nobody asks.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
@@ -90,12 +103,13 @@ class Scenario(Checked):
         a question for solve.
     """
 
-    ground_node: Point = field(metadata=checked_by(_checked_ground_node))
+    ground_node: Point = field(default=LEFT_OUT, metadata=checked_by(checked_point))
     eavesdroppers: tuple[Eavesdropper, ...] = field(
-        metadata=checked_by(Members(Eavesdropper, 1, MAX_MEMBERS)))
-    uavs: tuple[Uav, ...] = field(metadata=checked_by(Members(Uav, 1, MAX_MEMBERS)))
-    duration: float = field(metadata=checked_by(DURATION))
-    slots: int = field(metadata=checked_by(WholeNumber(1, 20000)))
+        default=REQUIRED, metadata=checked_by(Members(Eavesdropper, 1, MAX_MEMBERS)))
+    uavs: tuple[Uav, ...] = field(
+        default=REQUIRED, metadata=checked_by(Members(Uav, 1, MAX_MEMBERS)))
+    duration: float = field(default=REQUIRED, metadata=checked_by(DURATION))
+    slots: int = field(default=REQUIRED, metadata=checked_by(WholeNumber(1, 20000)))
     reference_snr_db: float = field(default=80.0, metadata=number(-200.0, 300.0, 'dB'))
     separation: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
     no_fly_zones: tuple[NoFlyZone, ...] = field(
@@ -104,8 +118,10 @@ class Scenario(Checked):
     tracking_margin: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
     channel: Channel = field(default=Channel(), metadata=checked_by(Block(Channel)))
     colluding: bool = field(default=False, metadata=checked_by(checked_truth))
-    ground_node_track: Track | None = field(default=None, metadata=checked_by(checked_track))
+    ground_node_track: Track | None = field(
+        default=None, metadata=checked_by(partial(checked_track, radius=False)))
     origin: Origin | None = field(default=None, metadata=checked_by(Block(Origin)))
+    ground_nodes: tuple[GroundNode, ...] = field(default=(), metadata=checked_by(_checked_nodes))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,13 +130,27 @@ class Scenario(Checked):
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
         item = checks.item
-        if not checks.are_right('ground_node', 'ground_node_track'):
+        if not checks.are_right('ground_node', 'ground_node_track', 'ground_nodes'):
             return
-        if item.ground_node_track is not None:
+        nodes = item.ground_nodes
+        if nodes and not isinstance(nodes, _Single):
+            for name in ('ground_node', 'ground_node_track'):
+                if getattr(item, name) is not None:
+                    checks.add(name, f'is {quote(getattr(item, name))}; it must be left out where '
+                               'there are ground_nodes')
+            if len(nodes) > 1 or checks or nodes[0] != GroundNode(
+                    nodes[0].position, track=nodes[0].track):
+                return
+            object.__setattr__(item, 'ground_node', nodes[0].position)
+            object.__setattr__(item, 'ground_node_track', nodes[0].track)
+        elif item.ground_node_track is not None:
             set_by_track(checks, 'ground_node', item.ground_node_track)
         elif item.ground_node is None:
             with checks.collecting():
                 checked_point('', 'ground_node', None)
+        if checks.are_right('ground_node'):
+            object.__setattr__(item, 'ground_nodes', _Single([GroundNode(
+                item.ground_node, track=item.ground_node_track)]))
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -188,13 +218,13 @@ class Scenario(Checked):
     def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
         """Return the ReceiverPlaces at times (K,) in s from point 0."""
         times = checked_array('times', times, (None,))
-        ground = (np.broadcast_to(self.ground_node, (len(times), 2))
-                  if self.ground_node_track is None else
-                  interpolate(self.ground_node_track, times))
+        grounds = np.stack([np.broadcast_to(node.position, (len(times), 2))
+                            if node.track is None else interpolate(node.track, times)
+                            for node in self.ground_nodes])
         discs = np.stack([np.broadcast_to((*eve.position, eve.error_radius), (len(times), 3))
                           if eve.track is None else interpolate(eve.track, times)
                           for eve in self.eavesdroppers])
-        return ReceiverPlaces(ground, discs[..., :2], discs[..., 2])
+        return ReceiverPlaces(grounds, discs[..., :2], discs[..., 2])
 
     @cached_property
     def receivers(self) -> ReceiverPlaces:
@@ -206,11 +236,12 @@ class Scenario(Checked):
         """Places of starts, goals and, at the points of the slots, receivers, (K, 2) in m."""
         receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
         return read_only(np.concatenate([
-            self.starts, self.goals, receivers.ground_node, *receivers.centres]))
+            self.starts, self.goals, *receivers.ground_nodes, *receivers.centres]))
 
     @property
     def _tracks(self) -> list[Track]:
-        tracks = self.ground_node_track, *(eve.track for eve in self.eavesdroppers)
+        tracks = [*(node.track for node in self.ground_nodes),
+                  *(eve.track for eve in self.eavesdroppers)]
         return [track for track in tracks if track is not None]
 
     @property
@@ -228,7 +259,7 @@ class Scenario(Checked):
         checked_kind('source', source, Scenario)
         checked_real('delay', delay)
         return self._with_tracks(
-            source, shift_track(source.ground_node_track, delay),
+            source, [shift_track(node.track, delay) for node in source.ground_nodes],
             [shift_track(eve.track, delay) for eve in source.eavesdroppers])
 
     def continue_receivers(self, updated: 'Scenario', point: int) -> 'Scenario':
@@ -241,19 +272,18 @@ class Scenario(Checked):
         checked_kind('updated', updated, Scenario)
         if checked_real('point', point) == 0:
             return updated
-        step = self.slot_duration
-        (ground, *tracks), (new_ground, *new_tracks) = self._knots, updated._knots
+        step, count = self.slot_duration, len(self.ground_nodes)
         joined = [join_tracks(old, new, point * step, step)
-                  for old, new in zip(tracks, new_tracks, strict=True)]
-        return updated._with_tracks(
-            updated, join_tracks(ground, new_ground, point * step, step), joined)
+                  for old, new in zip(self._knots, updated._knots, strict=True)]
+        return updated._with_tracks(updated, joined[:count], joined[count:])
 
-    def _with_tracks(self, source: 'Scenario', ground_node_track: Track | None,
+    def _with_tracks(self, source: 'Scenario', node_tracks: Sequence[Track | None],
                      tracks: Sequence[Track | None]) -> 'Scenario':
         """Return this scenario with the receivers of a source on other tracks."""
         return replace(
-            self, ground_node_track=ground_node_track,
-            ground_node=source.ground_node if ground_node_track is None else LEFT_OUT,
+            self, ground_node=LEFT_OUT, ground_node_track=None, ground_nodes=tuple(
+                node if track is None else replace(node, position=LEFT_OUT, track=track)
+                for node, track in zip(source.ground_nodes, node_tracks, strict=True)),
             eavesdroppers=tuple(
                 eve if track is None else replace(
                     eve, position=LEFT_OUT, error_radius=LEFT_OUT, track=track)
@@ -261,8 +291,8 @@ class Scenario(Checked):
 
     @property
     def _knots(self) -> list[Track]:
-        """Tracks of the ground node and the eavesdroppers; a single knot for one that stands."""
-        return [self.ground_node_track or ((0.0, *self.ground_node),),
+        """Tracks of ground nodes and eavesdroppers; a single knot for one that stands."""
+        return [*(node.track or ((0.0, *node.position),) for node in self.ground_nodes),
                 *(eve.track or ((0.0, *eve.position, eve.error_radius),)
                   for eve in self.eavesdroppers)]
 
@@ -275,6 +305,16 @@ class Scenario(Checked):
     def eavesdropper_names(self) -> tuple[str, ...]:
         """Names of the eavesdroppers, numbered where several have the default one."""
         return make_unique([eve.name for eve in self.eavesdroppers])
+
+    @cached_property
+    def ground_node_names(self) -> tuple[str, ...]:
+        """Names of the ground nodes, numbered likewise."""
+        return make_unique([node.name for node in self.ground_nodes])
+
+    @cached_property
+    def node_weights(self) -> Array:
+        """Weights of the ground nodes, (G,)."""
+        return read_only([node.weight for node in self.ground_nodes])
 
     @cached_property
     def zone_names(self) -> tuple[str, ...]:

@@ -26,25 +26,25 @@ class ReceiverPlaces(NamedTuple):
     """
     Where the receivers are at K times.
 
-    :ivar ground_node: (K, 2) in m.
+    :ivar ground_nodes: (G, K, 2) in m.
     :ivar centres: of the eavesdroppers' discs, (E, K, 2) in m.
     :ivar radii: of these, (E, K) in m.
     """
 
-    ground_node: Array
+    ground_nodes: Array
     centres: Array
     radii: Array
 
 
-def checked_track(owner: str, field: str, value: Any) -> Track:
+def checked_track(owner: str, field: str, value: Any, radius: bool = True) -> Track:
     """
     Return a track as tuples of floats.
 
-    :param field: 'track' with knots (t, x, y, radius), or 'ground_node_track' with (t, x, y).
+    :param radius: whether knots are (t, x, y, radius), or else (t, x, y).
     :raises ScenarioError: naming the field, the knot, its value and what is allowed.
     """
     parts = {'t': Number(-1e9, 1e9, 's'), 'x': COORDINATE, 'y': COORDINATE}
-    if field == 'track':
+    if radius:
         parts['radius'] = RADIUS
     names = f'({", ".join(parts)})'
     if not is_sequence(value) or not 2 <= len(value) <= MAX_KNOTS:

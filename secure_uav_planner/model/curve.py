@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .channel import guaranteed_rates
+from .channel import guaranteed_node_rates
 from ..mission.fields import find_range
 from ..mission.scenario import Array, Point, Scenario, Uav
 
@@ -142,13 +142,13 @@ def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, A
 
 
 def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
-    """Return the means of R-bar in each slot along a curve, before [x]^+, (N,) in bit/s/Hz."""
-    rates = np.zeros(scenario.slots)
+    """Return each node's means of R-bar in each slot along a curve, (G, N) in bit/s/Hz."""
+    rates = np.zeros((len(scenario.ground_nodes), scenario.slots))
     for place, weight in GAUSS_LEGENDRE:
         times = np.asarray(
             (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration, float)
         positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
-        rates += weight * guaranteed_rates(scenario, positions, powers, times=times)
+        rates += weight * guaranteed_node_rates(scenario, positions, powers, times=times)
     return rates
 
 

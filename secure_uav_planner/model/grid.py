@@ -77,8 +77,8 @@ class Grid:
 
     @cached_property
     def origin(self) -> Array:
-        """Position of the ground node, (2,) in m."""
-        return np.array(self.scenario.ground_node)
+        """Position of the first ground node, (2,) in m."""
+        return np.array(self.scenario.ground_nodes[0].position)
 
     @cached_property
     def starts(self) -> Array:
@@ -211,38 +211,43 @@ def resample_flights(positions: Array, slots: int) -> Array:
 @dataclass(frozen=True, eq=False)
 class Receivers:
     """
-    The ground node (0) and the eavesdroppers (1..E), K = E + 1 receivers, in the units of a Grid.
+    The ground nodes, G, and the eavesdroppers, E, K = G + E receivers, in the units of a Grid.
 
     :param positions: at the points of the slots, (N, K, 2).
     :param radii: epsilon, which the guarantee adds to a jammer's distance, and subtracts from the
         transmitter's, (N, K).
     :param link: of the UAVs, for arrays (..., K, U).
+    :param weights: of the ground nodes, (G,).
     """
 
     positions: Array
     radii: Array
     link: FreeSpace
+    weights: Array
 
     @classmethod
     def of(cls, grid: Grid, lead: float = 0.0) -> 'Receivers':
         """Return the receivers of a grid's scenario for the guarantee; lead as in make_links."""
-        ground, centres, radii = grid.scenario.receivers_at(grid.times)
-        positions = np.concatenate([ground[None], centres]).swapaxes(0, 1) - grid.origin
-        radii = np.insert(radii.T, 0, 0.0, axis=1)
+        grounds, centres, radii = grid.scenario.receivers_at(grid.times)
+        positions = np.concatenate([grounds, centres]).swapaxes(0, 1) - grid.origin
+        radii = np.concatenate([np.zeros(grounds.shape[:2]), radii]).T
         link = make_links(grid.scenario, grid.length, grid.power, lead)
-        return cls(positions / grid.length, radii / grid.length, link)
+        return cls(positions / grid.length, radii / grid.length, link,
+                   grid.scenario.node_weights)
 
     def at_places(self, places: Array) -> 'Receivers':
         """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
-        eves = self.radii.shape[1] - 1
-        copies = np.repeat(np.arange(1 + eves), [1] + [places.shape[1] // eves] * eves)
-        positions = np.concatenate([self.positions[:, :1], places], axis=1)
+        nodes = len(self.weights)
+        eves = self.radii.shape[1] - nodes
+        copies = np.repeat(np.arange(nodes + eves),
+                           [1] * nodes + [places.shape[1] // eves] * eves)
+        positions = np.concatenate([self.positions[:, :nodes], places], axis=1)
         return Receivers(positions, np.zeros(positions.shape[:2]),
-                         self.link.select_receivers(copies))
+                         self.link.select_receivers(copies), self.weights)
 
     def rates(self, x: Array) -> tuple[Array, Array]:
-        """Return r_0 (N,) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
+        """Return r_k (N, G) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))
-        return rates[:, 0], rates[:, 1:]
+        return rates[:, :len(self.weights)], rates[:, len(self.weights):]

@@ -6,9 +6,11 @@ import numpy as np
 
 from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
-from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
+from ..model.channel import (
+    find_rate_scale, guaranteed_node_rates, guaranteed_rates, worst_case_node_rates)
 from ..model.limits import lift_limits
 from ..model.problem import Problem
+from ..model.shares import find_shares, weigh_rates
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
@@ -32,6 +34,7 @@ class Incumbent:
     :param objective: the rate to be raised.
     :param parent: the incumbent of the call where this is one of a part, and which reports for it.
     :ivar rate: of the present iterate, in bit/s/Hz; -infinite if it takes too much energy.
+    :ivar shares: of the slots for the ground nodes, (G, N), likewise.
     """
 
     def __init__(self, problem: Problem, positions: Array, powers: Array,
@@ -47,8 +50,10 @@ class Incumbent:
         self._parent = parent
         self.positions = positions
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
-        self.powers, self._rates = self._silence_losing_slots(positions, powers)
-        self.rate = float(self._rates.mean()) if problem.keeps_energy(positions) else -math.inf
+        self.powers, self.rate = powers, -math.inf
+        self.try_improve()
+        if not problem.keeps_energy(positions):
+            self.rate = -math.inf
         if parent is None:
             self.report('start')
 
@@ -68,15 +73,18 @@ class Incumbent:
         powers = (self.powers if powers is None else
                   self.problem.repair_powers(positions, powers))
         powers, rates = self._silence_losing_slots(positions, powers)
-        rate = float(rates.mean())
+        weights = self.scenario.node_weights
+        shares = find_shares(rates, weights)
+        rate = weigh_rates(rates, weights, shares)
         gain = rate - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0
-        self.positions, self.powers, self._rates, self.rate = positions, powers, rates, rate
+        self.positions, self.powers, self.shares, self.rate = positions, powers, shares, rate
+        self._rates = (shares * rates).sum(axis=0)
         return gain
 
     def _silence_losing_slots(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """Return powers, silent where the rate is negative, and rates, 0 where negligible."""
+        """Return powers, silent where no rate is positive, and rates, 0 where negligible."""
         powers, rates = silence_losing_slots(self.scenario, positions, powers, self.objective)
         return powers, np.where(rates > self._negligible, rates, 0.0)
 
@@ -112,6 +120,7 @@ class Incumbent:
             tried = self.powers[:, useful[near.clip(0, len(useful) - 1)]]
             _, rates = silence_losing_slots(
                 self.scenario, positions, tried, self.objective, times)
+            rates = rates.max(axis=0)
             better = rates > best
             powers[:, slots[better]], best[better] = tried[:, better], rates[better]
         self.try_improve(powers=powers)
@@ -153,21 +162,21 @@ class Incumbent:
                 self.report(self.history[-1].step)
         return Plan(self.scenario, self.positions, self.useful_powers, method, status,
                     tuple(self.history), self.deadline.elapsed,
-                    objective=self.objective)
+                    objective=self.objective, shares=self.shares)
 
 
 def silence_losing_slots(scenario: Scenario, positions: Array, powers: Array,
                          objective: Objective = 'guaranteed', times: Array | None = None
                          ) -> tuple[Array, Array]:
     """
-    Return powers (U, N) in W, silent where the rate is negative, and the rates (N,).
+    Return powers (U, N) in W, silent where all rates are negative, and the nodes' rates (G, N).
 
     :param times: as for guaranteed_rates.
     """
-    rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
+    rates = (guaranteed_node_rates if objective == 'guaranteed' else worst_case_node_rates)(
         scenario, positions, powers, times=times)
     powers = powers.copy()
-    powers[0, rates < 0] = 0.0
+    powers[0, (rates < 0).all(axis=0)] = 0.0
     return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.
 
 

@@ -179,7 +179,12 @@ def _check_scope(scenario: Scenario) -> None:
     channel = scenario.channel
     gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)
     place: Place = ()  # Of the field in a scenario.
-    if gains > MAX_GAINS:
+    nodes = scenario.ground_nodes
+    if len(nodes) > 1 or nodes[0].weight != 1:
+        place = ('ground_nodes',)
+        reason = ('its objective is the mean rate of a single ground node of weight 1, and this '
+                  f'scenario has {len(nodes)} ground_nodes')
+    elif gains > MAX_GAINS:
         reason = (f'it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, and this scenario '
                   f'has {gains}')
     elif place := next((place for place, limit in limits.items() if limit), ()):

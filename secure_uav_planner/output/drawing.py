@@ -17,6 +17,7 @@ MARGIN = '#F4D58A'
 RATE = '#6A3D9A'
 
 _MOVING = (EAVESDROPPER, '#882255', '#999933')  # Tell eavesdroppers that move apart.
+_NODES = ('#332288', '#117733', '#AA4499', '#999933', '#882255', '#44AA99')  # Of Paul Tol.
 _UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
 
 
@@ -44,6 +45,17 @@ _SCHEME_NAMES = {
 def scheme_name(method):
     """Return the name of a method of solve or a baseline in words."""
     return _SCHEME_NAMES.get(method, method)
+
+
+def node_color(scenario, index):
+    """Return the colour of a ground node, '#rrggbb'; that of a single one is black."""
+    several = len(scenario.ground_nodes) > 1
+    return _NODES[index % len(_NODES)] if several else GROUND_NODE
+
+
+def node_labels(scenario):
+    """Return the names of the ground nodes for people, (G,)."""
+    return ['ground node'] if scenario.ground_node is not None else [*scenario.ground_node_names]
 
 
 def style_axes(axes):
@@ -122,10 +134,11 @@ def _ring(outer, inner):
 
 def list_ways(scenario, times):
     """Return name, way (K, 2) in m and colour of each receiver that moves, at times (K,)."""
-    ground, centres, _ = scenario.receivers_at(times)
-    ways = [('ground node', ground, GROUND_NODE), *(
-        (name, way, eavesdropper_color(index, eve)) for index, (name, way, eve) in enumerate(
-            zip(scenario.eavesdropper_names, centres, scenario.eavesdroppers, strict=True)))]
+    grounds, centres, _ = scenario.receivers_at(times)
+    ways = [*((name, way, node_color(scenario, index)) for index, (name, way) in enumerate(
+                zip(node_labels(scenario), grounds, strict=True))),
+            *((name, way, eavesdropper_color(index, eve)) for index, (name, way, eve) in enumerate(
+                zip(scenario.eavesdropper_names, centres, scenario.eavesdroppers, strict=True)))]
     return [(name, way, color) for name, way, color in ways if np.ptp(way, axis=0).any()]
 
 

@@ -18,8 +18,9 @@ import shapely
 
 from .drawing import (
     add_legend, altitude_label, EAVESDROPPER, eavesdropper_color, energy_label, GEOFENCE,
-    GROUND_NODE, is_obstacle, label_position, list_ways, map_extent, MARGIN, margin_rings,
-    NO_FLY_ZONE, RATE, rate_label, receiver_label, scheme_name, shown_discs, style_axes, uav_color)
+    is_obstacle, label_position, list_ways, map_extent, MARGIN, margin_rings, NO_FLY_ZONE,
+    node_color, node_labels, RATE, rate_label, receiver_label, scheme_name, shown_discs,
+    style_axes, uav_color)
 from .figures import own_settings, Picture
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
@@ -35,6 +36,7 @@ _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _FONT_SIZE = 8.0  # In points, of texts on the map.
 _GAPS = 5.0, 10.0  # In points, from a path to its labels.
 _LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
+_STRIP = 0.12  # Height of the strip of shares, in heights of the rates.
 _DASHES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
@@ -188,7 +190,8 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
                 *(shapely.Point(center).buffer(max(radius, 5 * point))
                   for discs in shown_discs(scenario) for _, center, radius in discs),
                 *_disc_boxes(scenario, point),
-                shapely.Point(scenario.ground_node).buffer(5 * point),
+                *(shapely.Point(node.position).buffer(5 * point)
+                  for node in scenario.ground_nodes),
                 *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
         # Power n holds from point n to point n + 1; before point 1 the power is zero.
@@ -224,7 +227,7 @@ def _escape(text):
 
 
 def draw_ground(axes, scenario):
-    """Draw zones, fence, eavesdroppers and the ground node."""
+    """Draw zones, fence, eavesdroppers and the ground nodes."""
     _draw_airspace(axes, scenario)
     _draw_tracks(axes, scenario)
     for index, (eve, name, discs) in enumerate(zip(
@@ -239,8 +242,9 @@ def draw_ground(axes, scenario):
         axes.plot(*eve.position, 'X', **_marker_style(color, 8), zorder=6, label=_escape(name))
         axes.annotate(receiver_label(eve), eve.position, (7, 7), textcoords='offset points',
                       fontsize=8, color=color, zorder=8, path_effects=_HALO)
-    axes.plot(*scenario.ground_node, '^', **_marker_style(GROUND_NODE, 10), zorder=6,
-              label='ground node')
+    for index, node in enumerate(scenario.ground_nodes):
+        axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
+                  label='ground node')
 
 
 def _disc_label(eavesdropper, name, time):
@@ -346,10 +350,22 @@ def draw_rates(axes, plan, baselines=(), **legend):
         axes.stairs(baseline.guaranteed_rates, baseline.times[1:], color=_GREY, linewidth=1.1,
                     linestyle=dash, label=scheme_name(baseline.method).replace(', ', ',\n'))
     highest = max(drawn.worst_case_rates.max() for drawn in (plan, *baselines))
-    axes.set_ylim(0, 1.08 * max(highest, 0.01))
+    highest = 1.08 * max(highest, 0.01)
+    axes.set_ylim(0, highest)
+    if len(plan.shares) > 1:
+        _draw_shares(axes, plan, _STRIP * highest)
     axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
     axes.set_xlabel('time (s)')
     _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)', legend)
+
+
+def _draw_shares(axes, plan, height):
+    """Draw a strip below 0 of the shares of each slot in the colours of the ground nodes."""
+    tops = -height * (1 - np.cumsum(plan.shares, axis=0))
+    for index, (top, share) in enumerate(zip(tops, plan.shares)):
+        axes.bar(plan.times[1:-1], height * share, plan.scenario.slot_duration,
+                 top - height * share, align='edge', color=node_color(plan.scenario, index))
+    axes.set_ylim(bottom=-height)
 
 
 def _finish_time_axes(axes, plan, label, legend):
@@ -443,7 +459,9 @@ def _add_map_legend(axes, scenario, uav_entries, has_baselines=False, **options)
         **uav_entries,
         **{name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
            for name, marker in (('start', 'o'), ('goal', 's'))},
-        'ground node': Line2D([], [], marker='^', **_marker_style(GROUND_NODE, 10)),
+        **{_escape(name): Line2D(
+            [], [], marker='^', **_marker_style(node_color(scenario, index), 10))
+           for index, name in enumerate(node_labels(scenario))},
         **{_escape(name): Line2D([], [], marker='X', **{
             **_marker_style(eavesdropper_color(index, eve), 8), 'linestyle': (0, (4, 2))})
            for index, (name, eve) in enumerate(zip(

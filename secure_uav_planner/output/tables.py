@@ -149,7 +149,8 @@ def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
             *(row for row in rows if row[0] == uav.name))
         add('path', 'LineString', np.transpose([x, y]), uav.name, altitude=uav.altitude,
             times=times, powers=powers)
-    add('ground_node', 'Point', scenario.ground_node)
+    for name, node in zip(scenario.ground_node_names, scenario.ground_nodes, strict=True):
+        add('ground_node', 'Point', node.position, name if scenario.ground_node is None else '')
     for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
         centre = shapely.Point(eve.position)
         if eve.error_radius:
@@ -180,22 +181,30 @@ def save_mat(plan: Plan, path: str | os.PathLike[str]) -> None:
     """
     from scipy.io import savemat
     scenario = plan.scenario
-    ground, centres, radii = scenario.receivers_at(plan.times)
+    grounds, centres, radii = scenario.receivers_at(plan.times)
+    nodes = {'ground_node': grounds[0]} if len(grounds) == 1 else {
+        'ground_nodes': grounds, 'shares': plan.shares}
     with atomic_file(path, binary=True) as file:
         savemat(file, {
             'times': plan.times, 'positions': plan.positions, 'altitudes': scenario.altitudes,
             'powers': plan.powers, 'guaranteed_rates': plan.guaranteed_rates,
-            'worst_case_rates': plan.worst_case_rates, 'ground_node': ground,
-            'eavesdroppers': centres, 'error_radii': radii,
+            'worst_case_rates': plan.worst_case_rates, **nodes, 'eavesdroppers': centres,
+            'error_radii': radii,
             'uav_names': np.array([uav.name for uav in scenario.uavs], dtype=object),
             'eavesdropper_names': np.array(scenario.eavesdropper_names, dtype=object)},
                 oned_as='column')
 
 
 def list_columns(plan: Plan) -> list[str]:
-    """Return COLUMNS and, of each eavesdropper, those of its disc, `<name>.x`, `.y`, `.radius`."""
+    """
+    Return COLUMNS and, of each eavesdropper, those of its disc, `<name>.x`, `.y`, `.radius`.
+
+    Of several ground nodes, a `<name>.share` of each follows.
+    """
+    nodes = plan.scenario.ground_node_names
     return [*COLUMNS, *(f'{name}.{part}' for name in plan.scenario.eavesdropper_names
-                        for part in ('x', 'y', 'radius'))]
+                        for part in ('x', 'y', 'radius')),
+            *(f'{name}.share' for name in nodes if len(nodes) > 1)]
 
 
 def point_rows(plan: Plan) -> list[tuple[Any, ...]]:
@@ -203,18 +212,20 @@ def point_rows(plan: Plan) -> list[tuple[Any, ...]]:
     Return a row of list_columns for each point of each UAV: the flown position and velocity.
 
     With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
-    after the last point: the points -1 and N+2. Power and rates are those of the slot which
-    begins at the point, or 0.
+    after the last point: the points -1 and N+2. Power, rates and shares are those of the slot
+    which begins at the point, or 0.
     """
     scenario, curve = plan.scenario, plan.curve
     times = np.unique([curve.begin, *plan.times, curve.end])
     ends = (len(times) - len(plan.times)) // 2
     motion = curve.at(times)
-    powers = np.pad(plan.powers, ((0, 0), (1 + ends, 1 + ends)))
-    rates = np.pad([plan.guaranteed_rates, plan.worst_case_rates], ((0, 0), (1 + ends, 1 + ends)))
+    padding = (0, 0), (1 + ends, 1 + ends)
+    powers = np.pad(plan.powers, padding)
+    rates = np.pad([plan.guaranteed_rates, plan.worst_case_rates], padding)
+    shares = np.pad(plan.shares, padding)[:len(plan.shares) if len(plan.shares) > 1 else 0]
     _, centres, radii = scenario.receivers_at(times)
     discs = np.concatenate([centres, radii[..., np.newaxis]], axis=2).swapaxes(0, 1)
-    shared = np.column_stack([rates.T, discs.reshape(len(times), -1)]).tolist()
+    shared = np.column_stack([rates.T, discs.reshape(len(times), -1), shares.T]).tolist()
     return [
         (uav.name, point, time, x, y, uav.altitude, *velocity, power, *values)
         for uav, positions, velocities, watts in zip(

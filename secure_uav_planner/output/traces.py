@@ -4,8 +4,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from .drawing import (
-    altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, GROUND_NODE, is_obstacle,
-    label_position, list_ways, MARGIN, margin_rings, NO_FLY_ZONE, RATE, receiver_label,
+    altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, is_obstacle, label_position,
+    list_ways, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, RATE, receiver_label,
     scheme_name, uav_color)
 from ..model import channel
 
@@ -103,8 +103,8 @@ class PlanTraces:
                     'shape': 'hv' if row == 2 else 'linear'}), row
 
     def _receiver_traces(self, point):
-        """Yield the discs and the ground node at a point."""
-        ground, centres, radii = self.receivers
+        """Yield the discs and the ground nodes at a point."""
+        grounds, centres, radii = self.receivers
         angle = np.linspace(0, 2 * np.pi, 73)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         for index, (eve, name) in enumerate(zip(
@@ -122,9 +122,11 @@ class PlanTraces:
                     textposition=f'middle {side}',
                     textfont={'color': color}, legendgroup='disc', showlegend=False,
                     hoverinfo='skip')
-        yield _scatter(
-            ground[point][None], mode='markers', name='ground node',
-            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE})
+        scenario = self.plan.scenario
+        for index, (name, way) in enumerate(zip(node_labels(scenario), grounds, strict=True)):
+            yield _scatter(
+                way[point][None], mode='markers', name=name, marker={
+                    'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):
         """Yield what moves on the map, at a point."""

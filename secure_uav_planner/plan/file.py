@@ -39,6 +39,7 @@ def write_plan(plan: 'Plan', path: str | os.PathLike[str], evaluate: bool) -> No
         'promised_until': plan.promised_until,
         'bits': plan.bits,
         'too_short': plan.too_short,
+        **({'shares': plan.shares.tolist()} if len(plan.shares) > 1 else {}),
         'guaranteed_rate': plan.guaranteed_rate,
         **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
     }
@@ -79,8 +80,9 @@ def _read_document(document: object, kind: 'type[Plan]') -> 'Plan':
         raise PlanFileError(f'history is {quote(values["history"])}; it must be a list')
     values['history'] = tuple(_read_iteration(entry) for entry in values.get('history', []))
     values = checked_fields(kind, values)
-    for field in ('positions', 'powers'):
-        _check_numbers(values[field], (field,))
+    for field in ('positions', 'powers', 'shares'):
+        if values.get(field) is not None:
+            _check_numbers(values[field], (field,))
     with prefix_place('scenario'):
         values['scenario'] = Scenario.from_dict(values['scenario'])
     if values.get('bound') is not None:

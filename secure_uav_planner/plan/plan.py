@@ -18,6 +18,7 @@ from ..mission import Objective, OBJECTIVES
 from ..mission.fields import find_range
 from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
+from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
 from ..model.clearance import Clearance
@@ -25,6 +26,7 @@ from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
 from ..model.limits import reduce_budgets
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 from ..model.problem import Problem
+from ..model.shares import find_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,6 +62,8 @@ class Plan:
         predicted, so that its rates are a promise; None for the whole flight.
     :param bits: in bit/Hz, which shortest_duration was asked to deliver, or None.
     :param too_short: a duration in s of which no flight delivers them, which is proven, or None.
+    :param shares: a_k[n], of each slot for each ground node, (G, N); by default those with the
+        largest rate of the objective. Kept read-only.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
     """
@@ -77,6 +81,7 @@ class Plan:
     promised_until: float | None = None
     bits: float | None = None
     too_short: float | None = None
+    shares: Array = LEFT_OUT
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -99,6 +104,7 @@ class Plan:
         self._check_ends()
         Problem(self.scenario).validate(self.positions, self.powers)
         self.clearance.validate()
+        self._set_shares()
 
     def _check_kinds(self) -> None:
         if not isinstance(self.scenario, Scenario):
@@ -131,6 +137,24 @@ class Plan:
                             f'from 0 to {last}, so that ROS can stamp the whole flight',
                             ('start_ns',))
         object.__setattr__(self, 'start_ns', int(start_ns))
+
+    def _set_shares(self) -> None:
+        nodes, slots = len(self.scenario.ground_nodes), self.scenario.slots
+        if self.shares is None:
+            object.__setattr__(self, 'shares', find_shares(
+                np.zeros((1, slots)) if nodes == 1 else self._find_node_rates(self.objective),
+                self.scenario.node_weights))
+        shares = _checked_array('shares', self.shares, (nodes, slots))
+        if shares.min() < 0 or shares.sum(axis=0).max() > 1 + _ROUNDING:
+            raise PlanError(f'shares is {quote(self.shares)}; they must be at least 0, and at '
+                            'most 1 together in each slot', ('shares',))
+        object.__setattr__(self, 'shares', shares)
+
+    def _find_node_rates(self, objective: Objective) -> Array:
+        """Return [R]^+ of each ground node, (G, N) in bit/s/Hz."""
+        find_rates = (channel.guaranteed_node_rates if objective == 'guaranteed' else
+                      channel.worst_case_node_rates)
+        return _positive_part(find_rates(self.scenario, self.positions, self.powers))
 
     def _check_ends(self) -> None:
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
@@ -182,7 +206,9 @@ class Plan:
     @cached_property
     def identity(self) -> str:
         """Identity of the plan: 8 digits, a hash of its start, positions and powers."""
-        content = (str(self.start_ns).encode(), self.positions.tobytes(), self.powers.tobytes())
+        content = [str(self.start_ns).encode(), self.positions.tobytes(), self.powers.tobytes()]
+        if len(self.shares) > 1:
+            content.append(self.shares.tobytes())
         return blake2b(b' '.join(content), digest_size=4).hexdigest()
 
     @property
@@ -192,13 +218,23 @@ class Plan:
 
     @cached_property
     def guaranteed_rates(self) -> Array:
-        """Guaranteed rate [R-bar]^+ of each slot, (N,) in bit/s/Hz; see channel."""
-        return _positive_part(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
+        """Guaranteed rate [R-bar]^+ of each slot, (N,) in bit/s/Hz, of all nodes together."""
+        return read_only(self.guaranteed_shares.sum(axis=0))
+
+    @cached_property
+    def guaranteed_shares(self) -> Array:
+        """Guaranteed rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
+        return read_only(self.shares * self._find_node_rates('guaranteed'))
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of each slot, equation (6), (N,) in bit/s/Hz; see channel."""
-        return _positive_part(channel.worst_case_rates(self.scenario, self.positions, self.powers))
+        """Worst-case rate R of each slot, equation (6), (N,), of all nodes together."""
+        return read_only(self.worst_case_shares.sum(axis=0))
+
+    @cached_property
+    def worst_case_shares(self) -> Array:
+        """Worst-case rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
+        return read_only(self.shares * self._find_node_rates('worst_case'))
 
     @cached_property
     def curve(self) -> Curve:
@@ -217,7 +253,13 @@ class Plan:
 
         They differ from guaranteed_rates, which are those at the points, by the discretisation.
         """
-        return _positive_part(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+        return read_only(self.curve_shares.sum(axis=0))
+
+    @cached_property
+    def curve_shares(self) -> Array:
+        """Guaranteed rates along the curve of each ground node in its shares, (G, N)."""
+        return read_only(self.shares * _positive_part(
+            mean_guaranteed_rates(self.scenario, self.curve, self.powers)))
 
     @cached_property
     def energies(self) -> tuple[Energy | None, ...]:
@@ -227,17 +269,32 @@ class Plan:
     @property
     def curve_rate(self) -> float:
         """Mean of curve_rates in bit/s/Hz: the information delivered per second and Hz."""
-        return float(self.curve_rates.mean())
+        return self._find_least(self.curve_shares)
+
+    def _find_least(self, rates: Array) -> float:
+        """Return the least mean over weight of rates (G, N) of the ground nodes."""
+        return float((rates.mean(axis=1) / self.scenario.node_weights).min())
+
+    @cached_property
+    def node_rates(self) -> Array:
+        """Mean rate of the plan's objective of each ground node, (G,) in bit/s/Hz."""
+        return read_only((self.guaranteed_shares if self.objective == 'guaranteed' else
+                          self.worst_case_shares).mean(axis=1))
 
     @property
     def guaranteed_rate(self) -> float:
-        """Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz."""
-        return float(self.guaranteed_rates.mean())
+        """
+        Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz.
+
+        With several ground nodes it is the least of their means, each divided by its weight, as
+        are the other rates.
+        """
+        return self._find_least(self.guaranteed_shares)
 
     @property
     def worst_case_rate(self) -> float:
         """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
-        return float(self.worst_case_rates.mean())
+        return self._find_least(self.worst_case_shares)
 
     @property
     def rate(self) -> float:
@@ -271,7 +328,7 @@ class Plan:
         plan = replace(self, bound=bound)
         # The bound changes no rate.
         plan.__dict__.update({name: value for name, value in self.__dict__.items()
-                              if name in ('guaranteed_rates', 'worst_case_rates')})
+                              if name.startswith(('guaranteed_', 'worst_case_'))})
         return plan
 
     def evaluate(self) -> 'Plan':
@@ -306,7 +363,8 @@ class Plan:
             self, scenario=replace(
                 self.scenario.with_receivers(self.scenario, point * step),
                 uavs=uavs, slots=slots, duration=slots * step),
-            positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
+            positions=self.positions[:, point:], powers=self.powers[:, point:],
+            shares=self.shares[:, point:], history=(),
             bound=None, promised_until=_shift(self.promised_until, -point * step),
             bits=None, too_short=None,
             start_ns=(None if self.start_ns is None else
@@ -340,6 +398,7 @@ class Plan:
                 self.scenario.with_receivers(tail.scenario, -delay), first),
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
+            shares=np.concatenate([self.shares[:, :point], tail.shares], axis=1),
             start_ns=self.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
 
     def _check_point(self, point: int, name: str = 'point') -> None:

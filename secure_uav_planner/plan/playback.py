@@ -62,6 +62,13 @@ class Playback:
         return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
                       self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0])
 
+    def shares_at(self, times: ArrayLike) -> Array:
+        """Return the shares of the slots at times (K,) in s for each ground node, (G, K)."""
+        times = checked_array('times', times, (None,))
+        slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9).astype(int)
+        return np.asarray(
+            self.plan.shares[:, np.clip(slots - 1, 0, self.plan.scenario.slots - 1)])
+
     def _powers_at(self, times: Array) -> Array:
         """Return the powers at times (K,) in s, (U, K) in W."""
         slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9)
@@ -76,7 +83,7 @@ class Playback:
     def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None,
                      time: float = 0.0) -> float:
         """
-        Return the secrecy rate [r_0 - r_e]^+ of a moment in bit/s/Hz.
+        Return the secrecy rate [r_0 - r_e]^+ of a moment, of all nodes together, in bit/s/Hz.
 
         :param eavesdropper: its true position, (2,) in m, or None for no eavesdropper.
         :param time: of the moment in s from point 0, for a ground node that moves.
@@ -94,7 +101,10 @@ class Playback:
     def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None,
                times: Array) -> Array:
         points = np.pad(positions, ((0, 0), (1, 1), (0, 0)))
-        if eavesdropper is None:
-            return channel.ground_rates(self.plan.scenario, points, powers, times)
-        return np.maximum(0.0, channel.secrecy_rates(
-            self.plan.scenario, points, powers, eavesdropper, times=times))
+        scenario, shares = self.plan.scenario, self.shares_at(times)
+        rates = channel.node_ground_rates(scenario, points, powers, times)
+        if eavesdropper is not None:
+            rates = np.maximum(0.0, channel.secrecy_node_rates(
+                scenario, points, powers, eavesdropper, times=times))
+        together: Array = (shares * rates).sum(axis=0)
+        return together

@@ -37,14 +37,18 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 
 def explain_zero_rate(scenario: Scenario) -> str:
     """Say why plans of a scenario may carry nothing in secret, or what may help."""
-    ground, centres, radii = scenario.receivers
+    grounds, centres, radii = scenario.receivers
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
+    # By ground nodes, eavesdroppers and slots.
     covers = hears_all[:, np.newaxis] & (
-        np.linalg.norm(centres - ground, axis=-1) <= radii)
-    if covers.any(axis=0).all():
-        name = scenario.eavesdropper_names[int(covers.sum(axis=1).argmax())]
-        return (f'the disc of {name} covers the ground node, where it would receive the same: no '
-                'plan can carry anything')
+        np.linalg.norm(centres - grounds[:, np.newaxis], axis=-1) <= radii)
+    covered = covers.any(axis=1).all(axis=-1)
+    if covered.any():
+        node = int(covered.argmax())
+        name = scenario.eavesdropper_names[int(covers[node].sum(axis=1).argmax())]
+        label = f' {scenario.ground_node_names[node]}' if len(covers) > 1 else ''
+        return (f'the disc of {name} covers the ground node{label}, where it would receive the '
+                'same: no plan can carry anything')
     sender = scenario.uavs[0]
     snr = scenario.reference_snr_db + 10 * math.log10(sender.peak_power / sender.altitude**2)
     if snr < _LOWEST_SNR_DB:
@@ -103,17 +107,17 @@ class Promise(NamedTuple):
     @property
     def guaranteed_rate(self) -> float:
         """Mean guaranteed rate of the slots in bit/s/Hz; 0 without any."""
-        return self._mean(self.plan.guaranteed_rates)
+        return self._mean(self.plan.guaranteed_shares)
 
     @property
     def worst_case_rate(self) -> float:
         """Mean worst-case rate of the slots, likewise."""
-        return self._mean(self.plan.worst_case_rates)
+        return self._mean(self.plan.worst_case_shares)
 
     @property
     def curve_rate(self) -> float:
         """Mean guaranteed rate along the curve, likewise."""
-        return self._mean(self.plan.curve_rates)
+        return self._mean(self.plan.curve_shares)
 
     @property
     def text(self) -> str:
@@ -122,7 +126,11 @@ class Promise(NamedTuple):
                 if self.is_partial else '')
 
     def _mean(self, rates: Array) -> float:
-        return float(rates[:self.slots].mean()) if self.slots else 0.0
+        """Return the least mean over weight of the ground nodes' rates, (G, N)."""
+        if not self.slots:
+            return 0.0
+        means = rates[:, :self.slots].mean(axis=1)
+        return float((means / self.plan.scenario.node_weights).min())
 
 
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']

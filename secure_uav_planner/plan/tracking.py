@@ -216,10 +216,11 @@ class AchievedRates:
         time = min(time, inside[1] - 1e-6 * scenario.slot_duration)
         moment = playback.at(time)
         both = np.stack([positions, moment.positions], axis=1)
-        rates = channel.guaranteed_rates(
+        rates = channel.guaranteed_node_rates(
             scenario, np.pad(both, ((0, 0), (1, 1), (0, 0))),
             np.stack([moment.powers] * 2, axis=1), times=np.full(2, time))
-        self._sums += elapsed * np.array([1.0, *np.maximum(rates, 0.0)])
+        shared = (playback.shares_at(np.array([time])) * np.maximum(rates, 0.0)).sum(axis=0)
+        self._sums += elapsed * np.array([1.0, *shared])
 
     @property
     def rates(self) -> tuple[float, float] | None:

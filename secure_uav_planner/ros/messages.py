@@ -31,8 +31,8 @@ from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
 from ..output.autopilots import rotation, Setpoint, Vector
 from ..output.drawing import (
-    EAVESDROPPER, GEOFENCE, GROUND_NODE, label_position, list_ways, MARGIN, NO_FLY_ZONE,
-    uav_color)
+    EAVESDROPPER, GEOFENCE, label_position, list_ways, MARGIN, NO_FLY_ZONE, node_color,
+    node_labels, uav_color)
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
@@ -227,8 +227,7 @@ def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str
 def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
     """Return paths, receivers at a time of the plan in s, zones, fence and margin."""
     scenario = plan.scenario
-    ground, centres, radii = scenario.receivers_at([time])
-    ground_node = ground[0].tolist()
+    grounds, centres, radii = scenario.receivers_at([time])
     points = np.unique(np.linspace(
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
     marks = [Marker(action=Marker.DELETEALL)]
@@ -238,9 +237,12 @@ def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
                           points=line),
                   _label(index, uav.name, (*uav.start, uav.altitude), uav_color(index))]
     size = 0.1 * min(uav.altitude for uav in scenario.uavs)
-    marks += [_marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size),
-                      (*ground_node, size / 2)),
-              _label(100, 'ground node', (*ground_node, 2 * size), GROUND_NODE)]
+    for index, (name, place) in enumerate(zip(
+            node_labels(scenario), grounds[:, 0].tolist(), strict=True)):
+        color = node_color(scenario, index)
+        marks += [_marker('ground_node', index, Marker.CYLINDER, color, (size, size, size),
+                          (*place, size / 2)),
+                  _label(100 + index, name, (*place, 2 * size), color)]
     for index, (name, centre, radius) in enumerate(zip(
             scenario.eavesdropper_names, centres[:, 0].tolist(), radii[:, 0].tolist(),
             strict=True)):

@@ -144,14 +144,14 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     if a radius has changed by a tenth of the distance. That of one that moves may have become
     smaller, since a prediction grows with time.
     """
-    (old_ground,), old_centres, old_radii = before.receivers_at([time])
-    (ground,), centres, radii = now.receivers_at([time])
+    old_grounds, old_centres, old_radii = before.receivers_at([time])
+    grounds, centres, radii = now.receivers_at([time])
     moving = np.array([eve.track is not None for eve in now.eavesdroppers])
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
     grown = (radii - old_radii)[:, 0]
     is_left = moving & (moves > old_radii[:, 0])
     if not distance:
         return bool(is_left.any())
-    return bool(math.dist(old_ground, ground) > distance or (
+    return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
         is_left | (moves > distance)
         | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())

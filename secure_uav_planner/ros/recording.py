@@ -56,11 +56,12 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
     scenario = plan.scenario
     times = plan.times.tolist() if scenario.has_tracks else [0.0]
-    ground, centres, _ = scenario.receivers_at(times)
+    grounds, centres, _ = scenario.receivers_at(times)
     for number, time in enumerate(times):
         stamp = messages.stamp_at(plan, time)
-        bag.write('/ground_node/pose', messages.pose_stamped(
-            frame_id, stamp, *ground[number].tolist(), 0.0, 0.0), time)
+        for name, way in zip(scenario.ground_node_names, grounds, strict=True):
+            bag.write(f'/{name}/pose', messages.pose_stamped(
+                frame_id, stamp, *way[number].tolist(), 0.0, 0.0), time)
         for name, way in zip(scenario.eavesdropper_names, centres, strict=True):
             estimate = PoseWithCovarianceStamped()
             estimate.header.frame_id, estimate.header.stamp = frame_id, stamp

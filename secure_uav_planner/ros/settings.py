@@ -222,7 +222,12 @@ def load_mission(file: str) -> dict[str, Any]:
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
     """Return the values of a mission by parameter, its tracks by receiver, and its origin."""
+    if mission.ground_node is None:
+        raise ScenarioError(
+            f'ground_nodes are named {quote(list(mission.ground_node_names))}; the planner node '
+            'plans for a single ground_node', ('ground_nodes',))
     data = asdict(mission) | {'origin': mission.origin}
+    del data['ground_nodes']
     tracks = {'ground_node': data.pop('ground_node_track'),
               **{name: eve.pop('track') for name, eve in zip(
                   mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}

@@ -163,17 +163,18 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
 
 def make_links(scenario: Scenario, length: float, power: Array, lead: float = 0.0) -> FreeSpace:
     """
-    Return the links to the ground node and to every eavesdropper, for arrays (..., K, U).
+    Return the links to the ground nodes and to every eavesdropper, for arrays (..., K, U).
 
     :param length: the unit of length in m, as power (U,) has those of powers in W.
     :param lead: degrees of elevation by which gains of links that help begin to rise early, above
         those that count, so that optimisation finds from outside where there are lines of sight.
     """
-    eves = len(scenario.eavesdroppers)
-    link = _link(scenario, [0] + [1] * eves, (1 + eves, -1),
+    nodes, eves = len(scenario.ground_nodes), len(scenario.eavesdroppers)
+    link = _link(scenario, [0] * nodes + [1] * eves, (nodes + eves, -1),
                  scenario.reference_snr * power / length**scenario.channel.exponent,
                  scenario.altitudes / length, lead)
-    return link.for_receivers(np.append(1.0, scenario.receiver_advantages)[:, None])
+    return link.for_receivers(
+        np.append(np.ones(nodes), scenario.receiver_advantages)[:, None])
 
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
@@ -211,7 +212,7 @@ def _outage_share(scenario: Scenario) -> float:
     """
     channel = scenario.channel
     causes = (channel.rician_k_db is not None) + (channel.los is not None)
-    links = len(scenario.uavs) * (1 + len(scenario.eavesdroppers))
+    links = len(scenario.uavs) * (len(scenario.ground_nodes) + len(scenario.eavesdroppers))
     return (channel.outage or 0.0) / (links * max(causes, 1))
 
 

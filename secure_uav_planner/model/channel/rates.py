@@ -23,9 +23,9 @@ def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -
 
 def ground_squared_distances(scenario: Scenario, positions: Array,
                              times: Array | None = None) -> Array:
-    """Return the squared horizontal distances to the ground node, (U, N) in m^2."""
+    """Return the squared horizontal distances to the first ground node, (U, N) in m^2."""
     receivers = find_receivers(scenario, positions.shape[1] - 2, times)
-    return _squared_norm(positions[:, 1:-1] - receivers.ground_node)
+    return _squared_norm(positions[:, 1:-1] - receivers.ground_nodes[0])
 
 
 def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
@@ -55,9 +55,23 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array,
                  times: Array | None = None) -> Array:
-    """Return r_0[n], equation (4), (N,) in bit/s/Hz; times as for guaranteed_rates."""
+    """
+    Return r_0[n], equation (4), (N,) in bit/s/Hz, the largest of several ground nodes.
+
+    :param times: as for guaranteed_rates.
+    """
+    largest: Array = node_ground_rates(scenario, positions, powers, times).max(axis=0)
+    return largest
+
+
+def node_ground_rates(scenario: Scenario, positions: Array, powers: Array,
+                      times: Array | None = None, link: FreeSpace | None = None) -> Array:
+    """Return r_k[n] of each ground node, (G, N) in bit/s/Hz; link with flown altitudes."""
     positions, powers = checked_flight(scenario, positions, powers)
-    return compute_rate(ground_gains(scenario, positions, times) * powers)
+    link = make_link(scenario, 'ground_node') if link is None else link
+    nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
+    return np.stack([compute_rate(link.gain(_squared_norm(positions[:, 1:-1] - node)) * powers)
+                     for node in nodes])
 
 
 def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -65,13 +79,22 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
 
-    A Plan counts [R-bar]^+, for in such a slot nothing secret need be sent. A lower bound of
-    worst_case_rates; equal to it when every error radius is zero.
+    Of several ground nodes it is that of the node with the largest. A Plan counts [R-bar]^+, for
+    in such a slot nothing secret need be sent. A lower bound of worst_case_rates; equal to it when
+    every error radius is zero.
 
     :param altitudes: flown altitudes, (U, N) in m, instead of the scenario's.
     :param times: in s from point 0, (N,), at which receivers are where their tracks say; by
         default those of the points of the slots.
     """
+    largest: Array = guaranteed_node_rates(
+        scenario, positions, powers, altitudes, times).max(axis=0)
+    return largest
+
+
+def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
+                          altitudes: Array | None = None, times: Array | None = None) -> Array:
+    """Return R-bar[n] of each ground node, (G, N) in bit/s/Hz; see guaranteed_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     sinr = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
@@ -86,8 +109,7 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
             strict=True):
         combine(sinr, bound_sinrs(
             link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
-    gains = ground.gain(_squared_norm(positions[:, 1:-1] - receivers.ground_node))
-    return compute_rate(gains * powers) - convert_sinr(sinr)
+    return node_ground_rates(scenario, positions, powers, times, ground) - convert_sinr(sinr)
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -96,11 +118,22 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
+    Of several ground nodes it is that of the node with the largest.
+
     :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
     :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
         the scenario has.
     :param times: as for guaranteed_rates.
     """
+    largest: Array = secrecy_node_rates(
+        scenario, positions, powers, eavesdropper, receiver_advantage_db, times).max(axis=0)
+    return largest
+
+
+def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
+                       eavesdropper: ArrayLike, receiver_advantage_db: float | None = None,
+                       times: Array | None = None) -> Array:
+    """Return r_k[n] - r_e[n] of each ground node, (G, N) in bit/s/Hz; see secrecy_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
     shape = (powers.shape[1], 2)
     places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
@@ -111,7 +144,7 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
         advantage = 10.0 ** (checked_real(
             'receiver_advantage_db', receiver_advantage_db, allowed.low, allowed.high) / 10.0)
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
-    return ground_rates(scenario, positions, powers, times) - leak
+    return node_ground_rates(scenario, positions, powers, times) - leak
 
 
 def find_rate_scale(scenario: Scenario) -> float:
@@ -121,7 +154,7 @@ def find_rate_scale(scenario: Scenario) -> float:
     So small a SNR is a rate, to which tolerances of rates are relative. It is that at the least
     distance from the ground node at which the transmitter can be at the time of a point.
     """
-    times, grounds = scenario.times[1:-1], scenario.receivers.ground_node
+    times, grounds = scenario.times[1:-1], scenario.receivers.ground_nodes
     speed = scenario.max_speeds[0]
     away = max(0.0, float(np.min(np.maximum(
         np.linalg.norm(grounds - scenario.starts[0], axis=-1) - speed * times,

@@ -9,7 +9,7 @@ import numpy as np
 from .links import make_link, PathLoss
 from .rates import (
     bound_sinrs, checked_flight, combine_leaks, convert_sinr, find_rate_scale, find_receivers,
-    ground_rates, guaranteed_rates)
+    guaranteed_node_rates, node_ground_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 from ...mission.tracks import ReceiverPlaces
@@ -42,12 +42,19 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
 
     :param times: as for guaranteed_rates.
     """
+    largest: Array = worst_case_node_rates(scenario, positions, powers, times).max(axis=0)
+    return largest
+
+
+def worst_case_node_rates(scenario: Scenario, positions: Array, powers: Array,
+                          times: Array | None = None) -> Array:
+    """Return R[n] of each ground node, (G, N) in bit/s/Hz; see worst_case_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
     receivers = find_receivers(scenario, powers.shape[1], times)
     leak, _ = _by_chunks(_worst_leaks, scenario, receivers, positions[:, 1:-1], powers)
-    return np.maximum(ground_rates(scenario, positions, powers, times) - leak,
-                      guaranteed_rates(scenario, positions, powers, times=times))
+    return np.maximum(node_ground_rates(scenario, positions, powers, times) - leak,
+                      guaranteed_node_rates(scenario, positions, powers, times=times))
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:

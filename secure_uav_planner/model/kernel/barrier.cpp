@@ -31,13 +31,15 @@ constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of
 
 kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
-    expect(entries >= 2 * problem.slots && entries % problem.slots == 0, "radii");
-    return {int(entries / problem.slots), copy_reals(args, "positions", 2 * entries),
-            copy_reals(args, "radii", entries)};
+    const std::size_t nodes = count_entries(args, "weights");
+    expect(nodes >= 1, "weights");
+    expect(entries > nodes * problem.slots && entries % problem.slots == 0, "radii");
+    return {int(entries / problem.slots), copy_reals(args, "weights", nodes),
+            copy_reals(args, "positions", 2 * entries), copy_reals(args, "radii", entries)};
 }
 
 kernel::Places make_places(const Problem& problem, const py::dict& args) {
-    const std::size_t count = problem.receivers.count - 1;
+    const std::size_t count = problem.receivers.count - problem.nodes();
     return {copy_flags(args, "followed", problem.slots * count),
             copy_reals(args, "offsets", problem.slots * count * 2),
             copy_reals(args, "radii", problem.slots * count)};
@@ -82,10 +84,12 @@ Problem make_problem(const py::dict& args) {
 
 class Barrier {
 public:
-    Barrier(const py::dict& args, const py::buffer& x, const py::buffer& mu,
-            const py::buffer& finished)
+    Barrier(const py::dict& args, const py::buffer& x, const py::buffer& shares,
+            const py::buffer& mu, const py::buffer& finished)
         : problem_(make_problem(args)), bandwidth_(problem_.bandwidth()), x_(x, "x"),
-          mu_(mu, "mu"), finished_(finished, "finished", mu_.size()) {
+          mu_(mu, "mu"),
+          shares_(shares, "shares", mu_.size() * problem_.slots * problem_.nodes()),
+          finished_(finished, "finished", mu_.size()) {
         expect(mu_.size() > 0, "mu");
         expect(x_.axes() == 4 && x_.shape(0) == mu_.size() && x_.shape(1) == problem_.slots
                    && x_.shape(2) == std::size_t(problem_.uavs) && x_.shape(3) == 3, "x");
@@ -93,9 +97,10 @@ public:
         iterates_.resize(mu_.size());
         for (std::size_t s = 0; s < mu_.size(); ++s) {
             iterates_[s].x = &x_[s * size];
+            iterates_[s].shares = &shares_[s * problem_.slots * problem_.nodes()];
             iterates_[s].mu = &mu_[s];
             iterates_[s].finished = &finished_[s];
-            worker(0).initialise_duals(iterates_[s]);
+            worker(0).initialise(iterates_[s]);
         }
     }
     Barrier(const Barrier&) = delete;
@@ -131,11 +136,12 @@ public:
 
     void evaluate(const py::buffer& values, const py::buffer& gradients,
                   const py::buffer& hessians) {
-        const std::size_t size = x_.size() / mu_.size(), row = 3 * problem_.uavs;
-        const Array<double> value(values, "values", iterates_.size());
-        const Array<double> gradient(gradients, "gradients", x_.size());
-        const Array<double> hessian(hessians, "hessians", row * x_.size());
-        for (std::size_t s = 0; s < iterates_.size(); ++s)
+        const std::size_t row = 3 * problem_.uavs + problem_.nodes() - 1;
+        const std::size_t size = problem_.slots * row, starts = iterates_.size();
+        const Array<double> value(values, "values", starts);
+        const Array<double> gradient(gradients, "gradients", starts * size);
+        const Array<double> hessian(hessians, "hessians", starts * size * row);
+        for (std::size_t s = 0; s < starts; ++s)
             value[s] = worker(0).evaluate(iterates_[s], &gradient[s * size],
                                           &hessian[s * size * row]);
     }
@@ -194,14 +200,14 @@ private:
     }
 
     double estimate_cost() const {
-        const double row = 3.0 * problem_.uavs, height = bandwidth_ + row;
+        const double row = 3.0 * problem_.uavs + problem_.nodes() - 1, height = bandwidth_ + row;
         return double(iterates_.size()) * double(problem_.slots)
             * (height * height + 4.0 * row * row * problem_.receivers.count);
     }
 
     Problem problem_;
     const int bandwidth_;
-    Array<double> x_, mu_;
+    Array<double> x_, mu_, shares_;
     Array<bool> finished_;
     std::vector<kernel::Iterate> iterates_;
     std::vector<std::unique_ptr<kernel::Newton>> workers_;
@@ -214,7 +220,8 @@ private:
 
 void add_barrier(py::module_& module) {
     py::class_<Barrier>(module, "Barrier")
-        .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
+        .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&,
+                      const py::buffer&>())
         .def("advance", &Barrier::advance)
         .def("evaluate_rates", &Barrier::evaluate_rates)
         .def("evaluate", &Barrier::evaluate)

@@ -6,8 +6,8 @@ shape or layout is a ValueError. Those that a function fills are its last argume
 powers are in the units of a Grid but in Discs, where they are in m and W; rates are in nats
 unless stated.
 
-Letters: N slots, M = N + 2 points, U UAVs, K receivers (the ground node first), E eavesdroppers, P
-places or discs, S starts.
+Letters: N slots, M = N + 2 points, U UAVs, K receivers (the G ground nodes first), E
+eavesdroppers, P places or discs, S starts.
 """
 
 from collections.abc import Callable, Mapping
@@ -98,19 +98,21 @@ class FenceLimit(LineLimit):
         """Make it with the normals (G, 2) and offsets (G,) of sides."""
 
 class Barrier:
-    def __init__(self, arguments: Arguments, x: Array, mu: Array,
+    def __init__(self, arguments: Arguments, x: Array, shares: Array, mu: Array,
                  finished: Flags) -> None:
         """
         Make Newton's method on a barrier function, for starts that it changes in place.
 
         :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
             Limit), `channel`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
-            (U,), `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds
-            to distances, (N, K), and `places`, None for (P2), or with `followed`, whether they
-            move along with the UAVs, (N, E P), their `offsets` from the centres (N, E P, 2) and
-            the discs' `radii` (N, E P); and `energy`, None without a price, or with `terms` of
-            PowerTerms (U, 4) and `end_moves` as those of a NormLimit, NaN where free (2, U, 2).
+            (U,), `weights` of the ground nodes (G,), `positions` of the receivers (N, K, 2), their
+            `radii`, which the guarantee adds to distances, (N, K), and `places`, None for (P2), or
+            with `followed`, whether they move along with the UAVs, (N, E P), their `offsets` from
+            the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`, None without a
+            price, or with `terms` of PowerTerms (U, 4) and `end_moves` as those of a NormLimit,
+            NaN where free (2, U, 2).
         :param x: powers and positions, (S, N, U, 3).
+        :param shares: filled with shares of the slots for the ground nodes, (S, N, G).
         :param mu: barrier parameters in units of rates, (S,).
         :param finished: set where a start has converged or stalled, (S,).
         """
@@ -126,15 +128,16 @@ class Barrier:
         """
 
     def evaluate_rates(self, rates: Array) -> None:
-        """Fill the mean rates against the receivers, losing slots silenced, (S,)."""
+        """Fill the least means over weights, losing slots silenced, (S,)."""
 
     def evaluate(self, values: Array, gradients: Array, hessians: Array) -> None:
         """
         Fill the barrier function and its derivatives: for tests.
 
         :param values: (S,).
-        :param gradients: (S, N, U, 3).
-        :param hessians: lower triangles of the objective's, slot by slot, (S, N, 3 U, 3 U).
+        :param gradients: by x and, behind it, the shares but the first, (S, N (3 U + G - 1)).
+        :param hessians: lower triangles of the objective's, slot by slot, (S, N, V, V) for
+            V = 3 U + G - 1 variables.
         """
 
     def exchange_places(self, places: Arguments, positions: Array) -> None:

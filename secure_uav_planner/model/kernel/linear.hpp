@@ -1,4 +1,4 @@
-// The linear system of a Newton step: a band, and a row for each average power.
+// The linear system of a Newton step: a band, a few dense rows, and shares of single slots.
 #pragma once
 
 #include <algorithm>
@@ -92,82 +92,186 @@ void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth
 }
 
 // For a number of UAVs that is known when compiling, or for any (UAVS = 0).
+//
+// The variables are x, (N, 3 U), which limits couple to a band, and behind them shares, (N, S),
+// each coupled only to its own slot, from which they are eliminated.
 template <int UAVS>
 class NewtonSystem {
 public:
-    NewtonSystem(std::size_t slots, int uavs, int bandwidth, double unit)
-        : slots_(slots), count_(uavs), below_(bandwidth), unit_(unit) {
-        const std::size_t n = slots_, v = 3 * count_;
-        blocks.resize(n * v * v);
+    // Make a system with a number of dense rows.
+    NewtonSystem(std::size_t slots, int uavs, int shares, int dense_rows, int bandwidth,
+                 double unit)
+        : slots_(slots), count_(uavs), shares_(shares), rows_(dense_rows), below_(bandwidth),
+          unit_(unit) {
+        const std::size_t n = slots_, v = 3 * count_, w = v + shares_;
+        blocks.resize(n * w * w);
+        rows.resize(n * w * rows_);
+        share_curvatures.resize(n * (shares_ ? shares_ + 1 : 0));
         band.resize((n * v + below_) * (below_ + 1));
         factor_.resize(band.size());
-        right_.resize((n * v + below_) * (1 + count_));
+        right_.resize((n * v + below_) * (1 + rows_));
+        eliminated_.resize(shares_ ? blocks.size() : 0);
+        share_right_.resize(n * shares_ * (1 + rows_));
         convex_.resize(n);
-        space_.resize(v * (2 * v + 4));
+        space_.resize(std::max(w * (2 * w + 4), std::size_t(rows_ * (rows_ + 1))));
     }
 
     int height() const { return below_ + 1; }
 
-    // Add a slot's block to the band.
-    void add_block(std::size_t n, const double* block) {
-        const int V = size();
-        for (int j = 0; j < V; ++j)
-            for (int i = j; i < V; ++i) band[(n * V + j) * height() + i - j] += block[i * V + j];
+    // Add the block of a slot, which is complete, to the band.
+    void add_slot(std::size_t n) {
+        const int W = width();
+        if (shares_) eliminate_shares(n);
+        add_block(n, (shares_ ? &eliminated_[0] : &blocks[0]) + n * W * W);
     }
 
     // Find minus the inverse of the Hessian, made positive definite, times the gradient. Return
-    // false if that fails or is stopped. `mean_ratios`, (U), are the slacks of the average powers
-    // divided by their duals.
-    bool solve(const double* gradient, const double* mean_ratios, double* step,
+    // false if that fails or is stopped. Each row adds its outer product divided by its ratio,
+    // (R), to the Hessian.
+    bool solve(const double* gradient, const double* ratios, double* step,
                const std::atomic<bool>& stop) {
-        const int U = uavs(), V = size(), sides = 1 + U;
-        const std::size_t columns = slots_ * V;
+        const int R = rows_, sides = 1 + R;
+        const std::size_t columns = slots_ * size(), variables = slots_ * width();
         if (!is_finite(band.data(), band.size()) || !factor_positive_definite(stop)) return false;
-        std::fill(right_.begin(), right_.end(), 0.0);
-        for (std::size_t i = 0; i < columns; ++i) right_[i * sides] = -gradient[i];
+        const auto set_right = [&](std::size_t i, double* right) {
+            right[0] = -gradient[i];
+            std::copy(&rows[i * R], &rows[i * R] + R, right + 1);
+        };
+        for (std::size_t i = 0; i < columns; ++i) set_right(i, &right_[i * sides]);
+        std::fill(right_.begin() + columns * sides, right_.end(), 0.0);
+        for (std::size_t i = columns; i < variables; ++i)
+            set_right(i, &share_right_[(i - columns) * sides]);
         for (std::size_t n = 0; n < slots_; ++n)
-            for (int u = 0; u < U; ++u)
-                right_[(n * V + 3 * u) * sides + 1 + u] = -1.0 / double(slots_);
+            for_pivots(n, [&](int j, const double* multipliers) {
+                const double* row = share_right(n, j);
+                for (int i = 0; i < j; ++i) {
+                    double* to = i < size() ? &right_[(n * size() + i) * sides]
+                                            : share_right(n, i);
+                    for (int s = 0; s < sides; ++s) to[s] -= multipliers[i] * row[s];
+                }
+            });
         with_bandwidth([this](auto below) {
-            divide_by_lower<below.value, UAVS ? UAVS + 1 : 0>(
-                factor_.data(), slots_ * size(), below_, right_.data(), 1 + uavs());
+            const auto divide = rows_ == UAVS ? divide_by_lower<below.value, UAVS ? UAVS + 1 : 0>
+                                              : divide_by_lower<below.value, 0>;
+            divide(factor_.data(), slots_ * size(), below_, right_.data(), 1 + rows_);
         });
-        // Woodbury's formula for the rows of the average powers, before dividing by L^T.
+        // Woodbury's formula for the rows, before dividing by L^T.
         double* products = space_.data();
-        double* right = products + U * U;
-        std::fill(products, right + U, 0.0);
-        for (std::size_t i = 0; i < columns; ++i) {
-            const double* row = &right_[i * sides];
-            const double inverse = factor_[i * height()];
-            for (int u = 0; u < U; ++u) {
+        double* right = products + R * R;
+        std::fill(products, right + R, 0.0);
+        const auto add_products = [&](const double* row, double inverse) {
+            for (int u = 0; u < R; ++u) {
                 const double scaled = row[1 + u] * inverse;
                 right[u] += scaled * row[0];
-                for (int s = 0; s <= u; ++s) products[u * U + s] += scaled * row[1 + s];
+                for (int s = 0; s <= u; ++s) products[u * R + s] += scaled * row[1 + s];
             }
+        };
+        for (std::size_t i = 0; i < columns; ++i)
+            add_products(&right_[i * sides], factor_[i * height()]);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for_pivots(n, [&](int j, const double* multipliers) {
+                add_products(share_right(n, j), multipliers[j]);
+            });
+        for (int u = 0; u < R; ++u) {
+            for (int s = 0; s < u; ++s) products[s * R + u] = products[u * R + s];
+            products[u * R + u] += ratios[u];
         }
-        for (int u = 0; u < U; ++u) {
-            for (int s = 0; s < u; ++s) products[s * U + u] = products[u * U + s];
-            products[u * U + u] += mean_ratios[u];
-        }
-        if (!solve_dense(products, right, U)) return false;
-        for (std::size_t i = 0; i < columns; ++i) {
-            const double* row = &right_[i * sides];
+        if (!solve_dense(products, right, R)) return false;
+        const auto scale = [&](const double* row, double inverse) {
             double change = row[0];
-            for (int u = 0; u < U; ++u) change -= row[1 + u] * right[u];
-            step[i] = change * factor_[i * height()];
-        }
+            for (int u = 0; u < R; ++u) change -= row[1 + u] * right[u];
+            return change * inverse;
+        };
+        for (std::size_t i = 0; i < columns; ++i)
+            step[i] = scale(&right_[i * sides], factor_[i * height()]);
         with_bandwidth([this, step](auto below) {
             divide_by_upper<below.value>(factor_.data(), slots_ * size(), below_, step);
         });
-        return is_finite(step, columns);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int j = size(); j < width(); ++j) {
+                const double* multipliers = pivot_row(n, j);
+                double change = scale(share_right(n, j), multipliers[j]);
+                for (int i = 0; i < j; ++i)
+                    change -= multipliers[i] * step[i < size() ? n * size() + i
+                                                               : share_index(n, i)];
+                step[share_index(n, j)] = change;
+            }
+        return is_finite(step, variables);
     }
 
-    std::vector<double> blocks;  // The objective's Hessian slot by slot, (N, 3 U, 3 U).
+    std::vector<double> blocks;  // The objective's Hessian by slots, (N, 3 U + S, 3 U + S).
     std::vector<double> band;    // The Hessian with the limits' terms, by columns.
+    std::vector<double> rows;    // By variables, (N (3 U + S), R).
+    // Of the limits of the shares, of which the first is 1 less the others, (N, S + 1).
+    std::vector<double> share_curvatures;
 
 private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
+    int width() const { return size() + shares_; }
+    std::size_t share_index(std::size_t n, int j) const {
+        return slots_ * size() + n * shares_ + j - size();
+    }
+    double* share_right(std::size_t n, int j) {
+        return &share_right_[(n * shares_ + j - size()) * (1 + rows_)];
+    }
+    const double* pivot_row(std::size_t n, int j) const {
+        return &eliminated_[(n * width() + j) * width()];
+    }
+
+    // Call a function with every share of a slot, in the order of elimination, and its row of
+    // multipliers, which ends with the inverse pivot.
+    template <typename Function>
+    void for_pivots(std::size_t n, Function function) {
+        for (int j = width() - 1; j >= size(); --j) function(j, pivot_row(n, j));
+    }
+
+    // Add the lower triangle of a slot's block, of which x has the first rows, to the band.
+    void add_block(std::size_t n, const double* block) {
+        const int V = size(), W = width();
+        for (int j = 0; j < V; ++j)
+            for (int i = j; i < V; ++i) band[(n * V + j) * height() + i - j] += block[i * W + j];
+    }
+
+    // Eliminate the shares of a slot, the last first, from its block and their limits' curvature.
+    void eliminate_shares(std::size_t n) {
+        const int V = size(), W = width();
+        double* block = &eliminated_[n * W * W];
+        std::copy(&blocks[n * W * W], &blocks[n * W * W] + W * W, block);
+        const double* curvatures = &share_curvatures[n * (shares_ + 1)];
+        for (int j = V; j < W; ++j) {
+            for (int i = V; i <= j; ++i) block[j * W + i] += curvatures[0];
+            block[j * W + j] += curvatures[1 + j - V];
+        }
+        for (int j = W - 1; j >= V; --j) {
+            double* row = block + j * W;
+            const double inverse = 1.0 / row[j];
+            for (int i = 0; i < j; ++i) {
+                const double multiplier = row[i] * inverse;
+                for (int k = 0; k <= i; ++k) block[i * W + k] -= multiplier * row[k];
+            }
+            for (int i = 0; i < j; ++i) row[i] *= inverse;
+            row[j] = inverse;
+        }
+    }
+
+    // Replace the block of a slot by the nearest that is positive semidefinite.
+    void make_convex(std::size_t n) {
+        const int W = width();
+        double* block = &blocks[n * W * W];
+        if (!shares_) {
+            find_negative_part(block, W, space_.data());
+            return add_block(n, block);
+        }
+        const double* reduced = &eliminated_[n * W * W];
+        std::vector<double> negative(block, block + W * W), before(reduced, reduced + W * W);
+        find_negative_part(negative.data(), W, space_.data());
+        for (int i = 0; i < W; ++i)
+            for (int j = 0; j <= i; ++j) block[i * W + j] += negative[i * W + j];
+        eliminate_shares(n);
+        for (int i = 0; i < W * W; ++i) before[i] = reduced[i] - before[i];
+        add_block(n, before.data());
+    }
 
     // Factor the band after making it positive definite, as little as that takes.
     //
@@ -203,8 +307,7 @@ private:
                 convex_[n] = 1;
                 --left;
                 begin = std::min(begin, n * V);
-                find_negative_part(&blocks[n * V * V], V, space_.data());
-                add_block(n, &blocks[n * V * V]);
+                make_convex(n);
             }
         }
         double scale = unit_;
@@ -238,9 +341,11 @@ private:
     }
 
     const std::size_t slots_;
-    const int count_, below_;
+    const int count_, shares_, rows_, below_;
     const double unit_;  // Of the objective.
     std::vector<double> factor_, right_, space_;
+    // Of the shares: blocks without them, ended by multipliers, and right sides.
+    std::vector<double> eliminated_, share_right_;
     std::vector<char> convex_;
 };
 

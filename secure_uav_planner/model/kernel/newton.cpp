@@ -1,10 +1,11 @@
 // A primal-dual interior-point method for (P1) and (P2), one start at a time.
 //
-// The objective is the sum over slots of the largest leak less r_0, in nats. Each slack c > 0 of a
-// limit has the term -mu log c, that of an average power N times as much. The largest leak t has
-// -mu log(t - leak) for every eavesdropper; t is eliminated slot by slot. Limits couple few
-// neighbouring slots, average powers all by one row each, so the Hessian is a band and a few rows,
-// and a step costs time linear in the number of slots.
+// The objective is the sum over slots of the largest leak less r_0, in nats; with several ground
+// nodes see Rates. Each slack c > 0 of a limit, and each share of a slot, has the term -mu log c,
+// that of an average power N times as much. The largest leak t has -mu log(t - leak) for every
+// eavesdropper; t is eliminated slot by slot. Limits couple few neighbouring slots, average powers
+// and nodes all by one row each, so the Hessian is a band and a few rows, and a step costs time
+// linear in the number of slots.
 #include "newton.hpp"
 
 #include <algorithm>
@@ -34,26 +35,37 @@ template <int UAVS, class Model>
 class PrimalDualNewton final : public Newton {
 public:
     explicit PrimalDualNewton(const Problem& problem)
-        : p_(problem), slots_(problem.slots), count_(problem.uavs), rates_(problem),
-          system_(slots_, count_, problem.bandwidth(), problem.rate_unit) {
-        const std::size_t size = slots_ * 3 * count_;
+        : p_(problem), slots_(problem.slots), count_(problem.uavs), nodes_(problem.nodes()),
+          shares_(nodes_ - 1), node_rows_(shares_ ? nodes_ : 0), rates_(problem),
+          system_(slots_, count_, shares_, count_ + node_rows_, problem.bandwidth(),
+                  problem.rate_unit) {
+        const std::size_t size = slots_ * 3 * count_, all = size + slots_ * shares_;
         line_sets_.resize(p_.limits.size());
-        slopes_.resize(p_.limits.size() + 1);
-        dual_changes_.resize(p_.limits.size() + 1);
+        slopes_.resize(kinds());
+        dual_changes_.resize(kinds());
         has_lines_ = std::any_of(p_.limits.begin(), p_.limits.end(),
                                  [](const auto& limit) { return limit->has_lines(); });
-        gradient_.resize(size);
-        step_.resize(size + problem.bandwidth());
+        gradient_.resize(all);
+        step_.resize(all + problem.bandwidth());
         trial_x_.resize(size);
+        trial_shares_.assign(slots_ * nodes_, 1.0);
         lengths_.resize(count_);
-        mean_ratios_.resize(count_);
+        ratios_.resize(count_ + node_rows_);
         mean_changes_.resize(count_);
+        const std::size_t rows = ratios_.size();
+        for (std::size_t i = 0; i < slots_ * count_; ++i)
+            system_.rows[3 * i * rows + i % count_] = -1.0 / double(slots_);
     }
 
-    void initialise_duals(Iterate& iterate) override {
-        choose_lines(iterate.x, iterate.evaluation);
-        find_slacks(iterate.x, iterate.evaluation);
+    void initialise(Iterate& iterate) override {
         const double mu = find_mu(iterate);
+        std::fill(iterate.shares, iterate.shares + slots_ * nodes_, 1.0 / nodes_);
+        if (shares_) {
+            rates_.evaluate(iterate.x, iterate.shares, mu, iterate.evaluation);
+            rates_.find_shares(mu, iterate.evaluation, iterate.shares);
+        }
+        choose_lines(iterate.x, iterate.evaluation);
+        find_slacks(iterate.x, iterate.shares, iterate.evaluation);
         for (const Slacks& slacks : iterate.evaluation.slacks) {
             iterate.duals.push_back(slacks.values);
             for (double& dual : iterate.duals.back()) dual = mu / dual;
@@ -72,11 +84,15 @@ public:
         if (stop) return Outcome::stopped;
         add_gradient_of_limits(here, mu, gradient_.data());
         add_gradient_of_energy(iterate.x, gradient_.data());
-        clear_fixed(gradient_.data());
+        clear_fixed(gradient_.data(), 1);
+        if (shares_) {
+            rates_.fill_rows(iterate, int(ratios_.size()), &system_.rows[uavs()],
+                             &ratios_[uavs()]);
+            clear_fixed(system_.rows.data(), ratios_.size());
+        }
         assemble(iterate);
         if (stop) return Outcome::stopped;
-        const bool solved =
-            system_.solve(gradient_.data(), mean_ratios_.data(), step_.data(), stop);
+        const bool solved = system_.solve(gradient_.data(), ratios_.data(), step_.data(), stop);
         if (stop) return Outcome::stopped;
         if (!solved) std::fill(step_.begin(), step_.end(), 0.0);
         find_slopes(here);
@@ -89,6 +105,7 @@ public:
         update_duals(iterate, mu, moved);
         if (moved) {
             std::copy(trial_x_.begin(), trial_x_.end(), iterate.x);
+            std::copy(trial_shares_.begin(), trial_shares_.end(), iterate.shares);
             std::swap(here, trial_);
         }
         iterate.is_evaluated = true;
@@ -96,7 +113,9 @@ public:
         return solved ? Outcome::stepped : Outcome::failed;
     }
 
-    double evaluate_rate(const Iterate& iterate) override { return rates_.find_mean(iterate.x); }
+    double evaluate_rate(const Iterate& iterate) override {
+        return rates_.find_mean(iterate.x, iterate.shares);
+    }
 
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         update_evaluation(iterate);
@@ -109,6 +128,8 @@ public:
 private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
+    // The numbers of kinds of slacks: of limits, peaks and shares.
+    std::size_t kinds() const { return p_.limits.size() + (shares_ ? 2 : 1); }
 
     // The barrier parameter in nats.
     double find_mu(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
@@ -128,8 +149,8 @@ private:
     }
 
     void choose_lines(const double* x, Evaluation& here) {
-        here.slacks.resize(p_.limits.size() + 1);
-        trial_.slacks.resize(p_.limits.size() + 1);
+        here.slacks.resize(kinds());
+        trial_.slacks.resize(kinds());
         if (has_lines_) find_path(x, true);
         for (std::size_t l = 0; l < p_.limits.size(); ++l) {
             if (p_.limits[l]->has_lines()) p_.limits[l]->choose_lines(path_.data(), line_sets_[l]);
@@ -142,7 +163,7 @@ private:
         Evaluation& here = iterate.evaluation;
         choose_lines(iterate.x, here);
         if (!iterate.is_evaluated) {
-            evaluate_barrier(iterate.x, find_mu(iterate), here);
+            evaluate_barrier(iterate.x, iterate.shares, find_mu(iterate), here);
             return;
         }
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
@@ -164,12 +185,13 @@ private:
         here.value = std::isfinite(value) ? value : INFINITE;
     }
 
-    void find_slacks(const double* x, Evaluation& here) {
+    void find_slacks(const double* x, const double* shares, Evaluation& here) {
         const int U = uavs();
         find_path(x, true);
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->find_slacks(path_.data(), here.slacks[l]);
-        Reals& peaks = here.slacks.back().values;
+        if (shares_) here.slacks.back().values.assign(shares, shares + slots_ * nodes_);
+        Reals& peaks = here.slacks[p_.limits.size()].values;
         peaks.resize(slots_ * U * 2);
         here.mean_slacks.assign(U, 0.0);
         for (std::size_t n = 0; n < slots_; ++n)
@@ -188,39 +210,51 @@ private:
         find_path(step_.data(), false);
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->find_slopes(here.slacks[l], path_.data(), slopes_[l]);
-        Reals& peaks = slopes_.back().values;
+        Reals& peaks = slopes_[p_.limits.size()].values;
         peaks.resize(slots_ * U * 2);
         for (std::size_t i = 0; i < slots_ * U; ++i) {
             peaks[2 * i] = step_[3 * i];
             peaks[2 * i + 1] = -step_[3 * i] / p_.peaks[i % U];
         }
+        if (!shares_) return;
+        Reals& changes = slopes_.back().values;
+        changes.assign(slots_ * nodes_, 0.0);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int s = 0; s < shares_; ++s) {
+                const double change = step_[slots_ * size() + n * shares_ + s];
+                changes[n * nodes_] -= change;
+                changes[n * nodes_ + 1 + s] = change;
+            }
     }
 
-    void evaluate_barrier(const double* x, double mu, Evaluation& here) {
-        double value = rates_.evaluate(x, mu, here);
-        find_slacks(x, here);
+    void evaluate_barrier(const double* x, const double* shares, double mu, Evaluation& here) {
+        double value = rates_.evaluate(x, shares, mu, here);
+        find_slacks(x, shares, here);
         if (p_.energy) value += p_.energy->find_value(path_.data());
         LogSum sum;
         add_logarithms(here, false, sum);
-        for (const double slack : here.slacks.back().values) sum.add(slack);
+        for (std::size_t l = p_.limits.size(); l < kinds(); ++l)
+            for (const double slack : here.slacks[l].values) sum.add(slack);
         value -= mu * sum.total();
         for (const double slack : here.mean_slacks) value -= double(slots_) * mu * std::log(slack);
         here.value_without_lines = value;
         add_lines(mu, here);
     }
 
-    // Set the derivatives by fixed positions to zero.
-    void clear_fixed(double* gradient) const {
+    // Set the derivatives by fixed positions, several of each, to zero.
+    void clear_fixed(double* derivatives, std::size_t several) const {
         const int U = uavs();
         for (int u = 0; u < U; ++u)
             if (p_.fixed[u])
-                for (std::size_t n = 0; n < slots_; ++n)
-                    gradient[(n * U + u) * 3 + 1] = gradient[(n * U + u) * 3 + 2] = 0.0;
+                for (std::size_t n = 0; n < slots_; ++n) {
+                    double* at = derivatives + ((n * U + u) * 3 + 1) * several;
+                    std::fill(at, at + 2 * several, 0.0);
+                }
     }
 
     void add_gradient_of_limits(const Evaluation& here, double mu, double* gradient) const {
         const int U = uavs(), V = size();
-        const Reals& peaks = here.slacks.back().values;
+        const Reals& peaks = here.slacks[p_.limits.size()].values;
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->add_gradient(here.slacks[l], mu, gradient);
         for (std::size_t n = 0; n < slots_; ++n)
@@ -229,6 +263,11 @@ private:
                 gradient[n * V + 3 * u] += mu / here.mean_slacks[u]  // (N mu / c) / N
                     - mu / slacks[0] + mu / slacks[1] / p_.peaks[u];
             }
+        for (std::size_t n = 0; shares_ && n < slots_; ++n) {
+            const double* shares = &here.slacks.back().values[n * nodes_];
+            for (int s = 0; s < shares_; ++s)
+                gradient[slots_ * V + n * shares_ + s] += mu / shares[0] - mu / shares[1 + s];
+        }
     }
 
     void add_gradient_of_energy(const double* x, double* gradient) {
@@ -240,20 +279,23 @@ private:
     // Assemble the band from the objective's blocks and the limits' terms.
     void assemble(const Iterate& iterate) {
         const Evaluation& here = iterate.evaluation;
-        const int U = uavs(), V = size(), height = system_.height();
+        const int U = uavs(), V = size(), W = V + shares_, height = system_.height();
+        const std::size_t peaks = p_.limits.size();
         std::fill(system_.band.begin(), system_.band.end(), 0.0);
+        for (std::size_t i = 0; shares_ && i < slots_ * nodes_; ++i)
+            system_.share_curvatures[i] = iterate.duals.back()[i] / iterate.shares[i];
         for (std::size_t n = 0; n < slots_; ++n) {
-            double* block = &system_.blocks[n * V * V];
+            double* block = &system_.blocks[n * W * W];
             for (int u = 0; u < U; ++u)
                 if (p_.fixed[u])
                     for (int axis = 3 * u + 1; axis < 3 * u + 3; ++axis) {
-                        std::fill(block + axis * V, block + axis * V + V, 0.0);
-                        for (int i = axis; i < V; ++i) block[i * V + axis] = 0.0;
+                        std::fill(block + axis * W, block + axis * W + W, 0.0);
+                        for (int i = axis; i < W; ++i) block[i * W + axis] = 0.0;
                     }
-            system_.add_block(n, block);
+            system_.add_slot(n);
             for (int u = 0; u < U; ++u) {
-                const double* slacks = &here.slacks.back().values[(n * U + u) * 2];
-                const double* duals = &iterate.duals.back()[(n * U + u) * 2];
+                const double* slacks = &here.slacks[peaks].values[(n * U + u) * 2];
+                const double* duals = &iterate.duals[peaks][(n * U + u) * 2];
                 double* at = &system_.band[(n * V + 3 * u) * height];
                 at[0] += duals[0] / slacks[0]
                     + duals[1] / slacks[1] / (p_.peaks[u] * p_.peaks[u]);
@@ -266,7 +308,7 @@ private:
         if (p_.energy)  // Its gradient has left the path.
             p_.energy->add_curvature(path_.data(), {system_.band.data(), height});
         for (int u = 0; u < U; ++u)
-            mean_ratios_[u] = here.mean_slacks[u] / iterate.mean_duals[u];
+            ratios_[u] = here.mean_slacks[u] / iterate.mean_duals[u];
     }
 
     // Find how far the limits let every UAV's flight go along the step, in lengths_; return the
@@ -288,6 +330,8 @@ private:
             }
         for (int u = 0; u < U; ++u)
             limit_step(least, here.mean_slacks[u], mean_slope(u), FRACTION_TO_BOUNDARY);
+        for (std::size_t i = 0; shares_ && i < slots_ * nodes_; ++i)
+            limit_step(least, iterate.shares[i], slopes_.back().values[i], FRACTION_TO_BOUNDARY);
         return least;
     }
 
@@ -335,11 +379,33 @@ private:
                 for (std::size_t i = 0; i < trial_x_.size(); ++i)
                     trial_x_[i] = iterate.x[i] + length * step_[i];
             }
+            if (shares_) expected += move_shares(iterate, length, clipped);
             if (!(expected < 0.0)) continue;
-            evaluate_barrier(trial_x_.data(), mu, trial_);
+            evaluate_barrier(trial_x_.data(), trial_shares_.data(), mu, trial_);
             if (trial_.value <= bound + ARMIJO * expected) return length;
         }
         return 0.0;
+    }
+
+    // Move the shares along the step, or those of every slot to their own limit; return the
+    // expected change of the barrier function in that case, which else is known.
+    double move_shares(const Iterate& iterate, double length, bool clipped) {
+        double expected = 0.0;
+        const int G = nodes_;
+        for (std::size_t n = 0; n < slots_; ++n) {
+            const double* shares = iterate.shares + n * G;
+            const double* changes = &slopes_.back().values[n * G];
+            double own = length;
+            for (int k = 0; clipped && k < G; ++k)
+                limit_step(own, shares[k], changes[k], FRACTION_TO_BOUNDARY);
+            for (int k = 0; k < G; ++k) {
+                trial_shares_[n * G + k] = shares[k] + own * changes[k];
+                if (clipped && k)
+                    expected += own * changes[k]
+                        * gradient_[slots_ * size() + n * shares_ + k - 1];
+            }
+        }
+        return expected;
     }
 
     // Find the Newton step of a dual, and lower the duals' step length for it.
@@ -365,7 +431,8 @@ private:
         for (int u = 0; u < U; ++u)
             mean_changes_[u] = find_dual_change(iterate.mean_duals[u], here.mean_slacks[u],
                                                 mean_slope(u), double(slots_) * mu, length);
-        rates_.update_duals(iterate, step_.data(), length);
+        rates_.update_duals(iterate, step_.data(), mu, int(ratios_.size()),
+                            &system_.rows[uavs()], length);
         const auto add = [length](Reals& duals, const Reals& changes) {
             for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += length * changes[i];
         };
@@ -404,14 +471,14 @@ private:
 
     const Problem& p_;
     const std::size_t slots_;
-    const int count_;
+    const int count_, nodes_, shares_, node_rows_;  // Shares that vary in a slot.
     Rates<UAVS, Model> rates_;
     NewtonSystem<UAVS> system_;
     Evaluation trial_;
-    Reals gradient_, step_, trial_x_, lengths_, path_, mean_ratios_, mean_changes_;
+    Reals gradient_, step_, trial_x_, trial_shares_, lengths_, path_, ratios_, mean_changes_;
     bool has_lines_;  // True if any limit has.
     std::vector<LineSet> line_sets_;   // Of every Limit, for this step.
-    std::vector<Slopes> slopes_;       // Of every Limit, and last of the peaks.
+    std::vector<Slopes> slopes_;       // Of all kinds of slacks.
     std::vector<Reals> dual_changes_;  // Likewise.
 };
 

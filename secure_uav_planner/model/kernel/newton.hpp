@@ -15,9 +15,10 @@ namespace kernel {
 
 constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a step may go.
 
-// The ground node and the eavesdroppers, K in all.
+// The ground nodes and the eavesdroppers, K in all.
 struct Receivers {
     int count;
+    Reals weights;    // Of the ground nodes, which come first, (G).
     Reals positions;  // (N, K, 2).
     Reals radii;      // What the guarantee adds to a jammer's distance, (N, K).
 };
@@ -43,6 +44,8 @@ struct Problem {
     double rate_unit = 1.0;  // In nats.
     std::shared_ptr<const EnergyCost> energy;  // Or none.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
+
+    int nodes() const { return int(receivers.weights.size()); }
 
     // The number of rows of the Hessian's band below its diagonal.
     int bandwidth() const {
@@ -82,7 +85,9 @@ struct Evaluation {
     Reals squared, distance;           // The guarantee's d^2, and its rounded d, (N, K, U).
     Reals total, interference;         // (N, K).
     Reals leaks, largest_leaks;        // (N, E), (N); not kept for a single eavesdropper.
-    std::vector<Slacks> slacks;        // Of every Limit, and last of the peaks, (N, U, 2).
+    Reals node_rates, node_slacks;     // Of several ground nodes, (N, G), (G).
+    // Of every Limit, of the peaks, (N, U, 2), and of the shares, which several nodes have.
+    std::vector<Slacks> slacks;
     Reals mean_slacks;                 // Of the average powers, (U).
     double value_without_lines = 0.0;  // The value without the limits that have lines.
 };
@@ -90,12 +95,14 @@ struct Evaluation {
 // The iterate of one start.
 struct Iterate {
     double* x = nullptr;        // (N, U, 3), in an array of the caller.
+    double* shares = nullptr;   // Of the slots, for the ground nodes, (N, G), likewise.
     double* mu = nullptr;       // Likewise, in units of rates.
     bool* finished = nullptr;   // Likewise.
     int steps_at_mu = 0;
-    std::vector<Reals> duals;   // Of the slacks of every Limit, and last of the peaks.
+    std::vector<Reals> duals;   // As the slacks.
     Reals mean_duals;           // (U).
     Reals leak_duals;           // (N, E), or empty before the first step.
+    Reals node_duals;           // (G), likewise.
     bool is_evaluated = false;  // True if `evaluation` is that at x and mu.
     Evaluation evaluation;
 };
@@ -106,15 +113,15 @@ enum class Outcome { stepped, failed, stopped };
 class Newton {
 public:
     virtual ~Newton() = default;
-    // Set the duals to their central values.
-    virtual void initialise_duals(Iterate& iterate) = 0;
+    // Set the shares and the duals to their central values.
+    virtual void initialise(Iterate& iterate) = 0;
     // Take a step; `stop` is looked at between its parts.
     virtual Outcome take_step(Iterate& iterate, double final_mu,
                               const std::atomic<bool>& stop) = 0;
     // Find the mean rate against the receivers, losing slots silenced, in nats.
     virtual double evaluate_rate(const Iterate& iterate) = 0;
-    // Find the barrier function at x, its gradient, (N, U, 3), and the lower triangles of the
-    // objective's Hessian slot by slot, (N, 3 U, 3 U).
+    // Find the barrier function at x, its gradient, (N, U, 3), and that of the shares behind it,
+    // (N, G - 1), and the lower triangles of the objective's Hessian slot by slot.
     virtual double evaluate(Iterate& iterate, double* gradient, double* hessian) = 0;
 };
 

@@ -110,7 +110,7 @@ class TrajectoryProblem:
             the time inside the solver in s.
         """
         scenario = self._scenario
-        offset = positions[:, 1:-1] - scenario.receivers.ground_node
+        offset = positions[:, 1:-1] - scenario.receivers.ground_nodes[0]
         gains, inverse = _evaluate_link(make_link(scenario, 'ground_node'),
                                         ground_squared_distances(scenario, positions))
         self.unit = unit = float(1 / np.sqrt(np.median(inverse)))

@@ -6,9 +6,9 @@ limits, `feasibility` asks whether there are flights and says why not, and `traj
 these in turn.
 """
 
-from .flights import build_flights, fly_around
+from .flights import build_flights, fly_around, list_orders
 from .projection import move_inside, project
 from .trajectories import adapt_plan, constant_powers, fly_hover_fly_positions, is_similar
 
 __all__ = ['adapt_plan', 'build_flights', 'constant_powers', 'fly_around',
-           'fly_hover_fly_positions', 'is_similar', 'move_inside', 'project']
+           'fly_hover_fly_positions', 'is_similar', 'list_orders', 'move_inside', 'project']

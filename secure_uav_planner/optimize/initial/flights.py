@@ -1,7 +1,7 @@
 """Flights to hovering places and on to the goals, also around obstacles."""
 
-from collections.abc import Iterator
-from itertools import islice, product
+from collections.abc import Callable, Iterator
+from itertools import combinations, islice, pairwise, permutations, product
 import math
 
 import numpy as np
@@ -14,18 +14,62 @@ from ...model.problem import Problem
 from ...model.visibility_graph import MOST_ROUTES, VisibilityGraph
 
 _TURNS = 25  # Places on the way out at which a UAV may turn back.
+_ALL_ORDERS = 3  # The most ground nodes that are visited in all orders.
+_LESS = 1e-9  # Share of a way that is rounding.
+_HALVINGS = 12  # Of the distance at which stops are passed without the time for them.
 
 
 def list_hovering_places(scenario: Scenario) -> Array:
     """
-    Return the hovering places of fly-hover-fly, (U, 2) in m.
+    Return the hovering places of fly-hover-fly, (U, 2) in m, or (G, U, 2) with G ground nodes.
 
-    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn, or
-    above where these are at half time if they move.
+    The transmitter hovers above the ground node, or the nodes in the order of the shortest way,
+    the jammers above the eavesdroppers in turn, or above where these are at half time if they
+    move.
     """
-    ground, eves, _ = scenario.receivers_at([scenario.duration / 2])
+    grounds, eves, _ = scenario.receivers_at([scenario.duration / 2])
     jammers = np.arange(len(scenario.uavs) - 1)
-    return np.concatenate([ground, eves[jammers % len(eves), 0]])
+    places = np.stack([np.concatenate([ground, eves[jammers % len(eves), 0]])
+                       for ground in grounds[list_orders(scenario)[0]]])
+    return places if len(places) > 1 else places[0]
+
+
+def list_orders(scenario: Scenario) -> list[list[int]]:
+    """
+    Return orders in which to visit the ground nodes, that of the shortest way first.
+
+    All of up to three nodes; of more, the nearest one next, that reversed, and both with parts
+    reversed as long as this makes the way from start to goal shorter.
+    """
+    uav = scenario.uavs[0]
+    nodes = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
+    count = len(nodes)
+
+    def measure(order: list[int]) -> float:
+        return _measure_length(np.stack([uav.start, *nodes[order], uav.goal]))
+
+    if count <= _ALL_ORDERS:
+        orders = [list(order) for order in permutations(range(count))]
+    else:
+        nearest: list[int] = []
+        place = np.array(uav.start)
+        while len(nearest) < count:
+            left = [node for node in range(count) if node not in nearest]
+            nearest.append(min(left, key=lambda node: math.dist(nodes[node], place)))
+            place = nodes[nearest[-1]]
+        orders = [nearest, nearest[::-1]]
+        orders += [_exchange_parts(order, measure) for order in orders]
+    return sorted(orders, key=measure)
+
+
+def _exchange_parts(order: list[int], measure: Callable[[list[int]], float]) -> list[int]:
+    """Return an order with parts reversed as long as that makes its measure less."""
+    while True:
+        better = min((order[:i] + order[i:j][::-1] + order[j:]
+                      for i, j in combinations(range(len(order) + 1), 2)), key=measure)
+        if measure(better) >= measure(order) * (1 - _LESS):
+            return order
+        order = better
 
 
 def build_flights(problem: Problem, hover: Array,
@@ -36,14 +80,19 @@ def build_flights(problem: Problem, hover: Array,
 
     They may break the limits where a zone, a fence or another UAV is in the way.
 
-    :param hover: hovering places, (U, 2) in m.
+    :param hover: hovering places, (U, 2) in m, or (H, U, 2) for several after each other.
     :param routes: the numbers of each UAV's routes out and back, by default of the shortest.
     :return: positions, (U, N+2, 2) in m.
     """
     scenario = problem.scenario
     positions = np.empty((len(scenario.uavs), scenario.slots + 2, 2))
-    for number, (uav, place) in enumerate(zip(scenario.uavs, hover, strict=True)):
+    for number, uav in enumerate(scenario.uavs):
         check()
+        stops = hover[..., number, :].reshape(-1, 2)
+        if np.ptp(stops, axis=0).any():
+            positions[number] = _fly_over(problem, number, stops)
+            continue
+        place = stops[0]
         around = fly_around(problem, number, place, *(routes[number] if routes else ()))
         positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
     for limit in problem.limits:
@@ -110,6 +159,49 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
         return None
     length = _measure_length(routes[route])
     return _locate(routes[route], _spread_effort(uav, length, scenario))
+
+
+def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
+    """
+    Return the flight of a UAV that hovers equally long at stops (H, 2), (N+2, 2) in m.
+
+    Without the time for them, it passes all of them at a distance. With a limit of acceleration,
+    velocities are moving averages over as many slots as full speed takes.
+    """
+    scenario = problem.scenario
+    uav, step = scenario.uavs[index], float(scenario.max_step[index])
+    start, goal = np.array(uav.start), np.array(uav.goal)
+    width = math.ceil(uav.max_speed / uav.vehicle.max_acceleration / scenario.slot_duration)
+    count = scenario.slots + 1 - width
+    between = start + np.linspace(0, 1, len(stops) + 2)[1:-1, None] * (goal - start)
+
+    def find_legs(share: float) -> list[Array]:
+        places = [start, *(between + share * (stops - between)), goal]
+        graph, routes = problem.routes.find(index, places, 1)
+        return [leg for leg, *_ in routes] if graph is not None and all(routes) else [
+            np.stack(pair) for pair in pairwise(places)]
+
+    shares = [0.0, 1.0]
+    for share in (1.0, *[None] * _HALVINGS):
+        share = sum(shares) / 2 if share is None else share
+        fits = sum(map(_measure_length, find_legs(share))) <= count * step
+        shares[0 if fits else 1] = share
+    legs = find_legs(shares[0])
+    lengths = np.array([_measure_length(leg) for leg in legs])
+    if lengths.sum() > count * step:
+        direct = fly_direct(problem, index)
+        return np.linspace(start, goal, scenario.slots + 2) if direct is None else direct
+    wait = (count - lengths.sum() / step) / len(stops)
+    # Times and distances of arrivals and departures.
+    arrivals = np.cumsum(lengths[:-1]) / step + wait * np.arange(len(stops))
+    times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [count]])
+    covered = np.concatenate([[0.0], np.repeat(np.cumsum(lengths)[:-1], 2), [lengths.sum()]])
+    number = np.arange(-float(width), count + width + 1)
+    points = _locate(np.concatenate(legs), np.interp(number, times, covered))
+    sums = np.cumsum(np.pad(points, ((1, 0), (0, 0))), axis=0)
+    points = (sums[width + 1:] - sums[:-width - 1]) / (width + 1)
+    points[0], points[-1] = start, goal
+    return points
 
 
 def generate_direct_flights(problem: Problem, check: Check) -> Iterator[Array]:

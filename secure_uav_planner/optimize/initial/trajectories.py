@@ -51,6 +51,7 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
     """
     if (len(scenario.uavs) != len(previous.uavs)
             or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
+            or len(scenario.ground_nodes) != len(previous.ground_nodes)
             or abs(scenario.duration - previous.duration) > 0.1 * previous.duration):
         return False
     moves = _list_landmarks(scenario) - _list_landmarks(previous)
@@ -59,9 +60,9 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
 
 def _list_landmarks(scenario: Scenario) -> Array:
     """Return starts, goals and receivers at the start, middle and end, (K, 2) in m."""
-    ground, centres, _ = scenario.receivers_at(
+    grounds, centres, _ = scenario.receivers_at(
         [0.0, scenario.duration / 2, scenario.duration])
-    return np.concatenate([scenario.starts, scenario.goals, ground, *centres])
+    return np.concatenate([scenario.starts, scenario.goals, *grounds, *centres])
 
 
 def adapt_plan(problem: Problem, plan: Plan,

@@ -48,6 +48,7 @@ class Barrier:
     :param discs: of the receivers' places.
     :param prices: of energy in nats per J, (U,), or None.
     :ivar x: the iterates of all starts, changed in place.
+    :ivar shares: of the slots for the ground nodes, (S, N, G), likewise.
     :ivar mu: their barrier parameters, likewise.
     :ivar finished: True for those that have converged or make no more progress, likewise.
     """
@@ -62,8 +63,10 @@ class Barrier:
         self.x: Array = np.array(x, float, order='C')
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
+        receivers = receivers or Receivers.of(grid)
+        self.shares: Array = np.empty((*self.x.shape[:2], len(receivers.weights)))
         self._core = core.Barrier(
-            _build_problem(grid, receivers or Receivers.of(grid), discs, prices), self.x, self.mu,
+            _build_problem(grid, receivers, discs, prices), self.x, self.shares, self.mu,
             self.finished)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
@@ -228,7 +231,8 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
         'places': None if discs is None else _to_kernel(**discs),
         **_to_kernel(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
                      peaks=grid.scenario.peak_powers / grid.power,
-                     positions=receivers.positions, radii=receivers.radii)}
+                     positions=receivers.positions, radii=receivers.radii,
+                     weights=receivers.weights)}
 
 
 def _to_kernel(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -18,6 +18,7 @@ from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
 from ...model.grid import Grid, Receivers
+from ...model.shares import find_shares, weigh_rates
 from ...plan.plan import Status
 
 WORSE = 1e-7  # The least leak, in the grid's unit of rates, by which a place is worse.
@@ -148,7 +149,7 @@ class _Exchange:
         """Take a step, and raise as Deadline.check does."""
         self._stepper.step(self._barrier, final_mu)
         x = self._barrier.x[0]
-        worse = self._places.exchange(x, self._tolerance)
+        worse = self._places.exchange(x, self._barrier.shares[0].T, self._tolerance)
         self._barrier.exchange(self._places.receivers, self._places.discs, worse)
         rate = self._places.rate - self._stepper.find_cost(self._barrier.grid, x)
         if rate > self.rate:
@@ -165,7 +166,8 @@ class WorstPlaces:
     :param grid: of any number of slots.
     :param x: the first iterate, (N, U, 3).
     :ivar receivers: the ground node, and eavesdroppers at the places.
-    :ivar rate: against the worst places at the last x, losing slots silenced, mean in nats.
+    :ivar rate: against the worst places at the last x, losing slots silenced, the least mean over
+        weight in nats.
     """
 
     def __init__(self, grid: Grid, x: Array) -> None:
@@ -188,7 +190,7 @@ class WorstPlaces:
         self.receivers = self._build_receivers()
         self.rate = self._compute_rate(*self.receivers.rates(x), leaks)
 
-    def exchange(self, x: Array, tolerance: float) -> bool:
+    def exchange(self, x: Array, shares: Array, tolerance: float) -> bool:
         """
         Exchange places for the worst of every disc and slot at x, (N, U, 3).
 
@@ -196,11 +198,12 @@ class WorstPlaces:
         UAVs. If none is near, it replaces the place with the smallest leak, but only if its own
         exceeds all leaks that count by a tolerance in nats.
 
+        :param shares: of the slots for the ground nodes, (G, N).
         :return: True if any worst place exceeds the leaks that count by the tolerance.
         """
         worst, leaks = self._find_worst(x)
-        ground, place_leaks = self.receivers.rates(x)
-        self.rate = self._compute_rate(ground, place_leaks, leaks)
+        grounds, place_leaks = self.receivers.rates(x)
+        self.rate = self._compute_rate(grounds, place_leaks, leaks, shares)
         counted = np.moveaxis(place_leaks.reshape(len(x), len(worst), -1), 1, 0)
         # Without collusion, only the worst place of all discs counts.
         worse = leaks > counted.max(axis=2 if self._scenario.colluding else (0, 2)) + tolerance
@@ -245,9 +248,13 @@ class WorstPlaces:
         values = np.swapaxes(values, 0, 1)
         return values.reshape(len(values), -1, *values.shape[3:])
 
-    def _compute_rate(self, ground: Array, place_leaks: Array, leaks: Array) -> float:
+    def _compute_rate(self, grounds: Array, place_leaks: Array, leaks: Array,
+                      shares: Array | None = None) -> float:
         if self._scenario.colluding:
             most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks.T)).sum(axis=0))
         else:
             most = np.maximum(leaks.max(axis=0), place_leaks.max(axis=-1))
-        return float(np.maximum(ground - most, 0.0).mean())
+        rates = np.maximum(grounds.T - most, 0.0)
+        weights = self._scenario.node_weights
+        return weigh_rates(
+            rates, weights, find_shares(rates, weights) if shares is None else shares)

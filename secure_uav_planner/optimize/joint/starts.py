@@ -7,7 +7,7 @@ import numpy as np
 
 from ..deadline import Check
 from ..incumbent import find_powers_without_jamming
-from ..initial import build_flights, fly_around, move_inside, project
+from ..initial import build_flights, fly_around, list_orders, move_inside, project
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
 from ...model.channel.links import sight_radii
@@ -40,7 +40,7 @@ _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
 def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     """
-    Return S hovering places of fly-hover-fly flights, (S, U, 2) in m.
+    Return S hovering places of fly-hover-fly flights, (S, U, 2) in m; see _visit_nodes for more.
 
     The paper's come first, the transmitter above the ground node and the jammers above the
     eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper,
@@ -57,10 +57,10 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     grounds, centres, radii = scenario.receivers_at(times.ravel())
     target = rng.integers(len(centres), size=(count, uavs))
     target[0, 1:] = np.arange(uavs - 1) % len(centres)
-    ground, eavesdropper = grounds[0], centres[0, 0]
+    ground, eavesdropper = grounds[0, 0], centres[0, 0]
     at = np.arange(count * uavs).reshape(count, uavs)
     targets = centres[target, at]
-    targets[:, 0] = grounds[at[:, 0]]
+    targets[:, 0] = grounds[0, at[:, 0]]
     distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
@@ -70,7 +70,32 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     errors[:, 0] = 0.0
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
     lengths = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
-    return targets + offsets * np.minimum(1.0, longest / lengths)[..., None]
+    places: Array = targets + offsets * np.minimum(1.0, longest / lengths)[..., None]
+    return places if len(grounds) == 1 else _visit_nodes(scenario, places)
+
+
+def _visit_nodes(scenario: Scenario, places: Array) -> Array:
+    """
+    Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
+
+    The transmitter visits the nodes in the orders of list_orders in turn, every fourth time at
+    distances; in every other fourth it stays between the nodes.
+
+    :param places: of starts for the first ground node, (S, U, 2) in m.
+    """
+    rng = np.random.default_rng(3)
+    grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
+    stops = np.repeat(places[:, None], len(grounds), axis=1)
+    orders = list_orders(scenario)
+    for number, stop in enumerate(stops):
+        if number % 4 == 3:
+            stop[:, 0] = rng.dirichlet(np.ones(len(grounds))) @ grounds
+            continue
+        stop[:, 0] = grounds[orders[(number - number // 4) % len(orders)]]
+        if number >= len(orders):
+            distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (len(stop), 1))
+            stop[:, 0] += distances * rng.normal(size=(len(stop), 2))
+    return stops
 
 
 def generate_starts(grid: Grid, problem: Problem, baseline: Array,
@@ -169,7 +194,9 @@ def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Route
     for route in (1, 2):
         for legs in ((route, 0), (0, route)):
             for uav in range(uavs):
-                if fly_around(problem, uav, places[uav], *legs) is not None:
+                stops = places[..., uav, :].reshape(-1, 2)
+                if not np.ptp(stops, axis=0).any() and fly_around(
+                        problem, uav, stops[0], *legs) is not None:
                     yield tuple(legs if index == uav else (0, 0) for index in range(uavs)), False
 
 
