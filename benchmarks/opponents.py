@@ -6,7 +6,7 @@ import time
 import casadi as ca
 import numpy as np
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.incumbent import silence_losing_slots
+from secure_uav_planner.optimize.incumbent import mute_nonpositive_slots
 
 UNIT = 100.0  # m
 TOLERANCE = 1e-6  # Of FATROP.
@@ -184,6 +184,6 @@ def _make_answer(scenario, values, times, solver):
     inner = UNIT * np.stack(values[:2], axis=-1)
     path, powers = Problem(scenario).repair(np.concatenate(
         [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1), values[2])
-    _, rates = silence_losing_slots(scenario, path, powers)
+    _, rates = mute_nonpositive_slots(scenario, path, powers)
     return Answer(float(rates.mean()), times[1] - times[0], times[2] - times[1],
                   solver.stats()['success'])

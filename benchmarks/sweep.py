@@ -11,12 +11,12 @@ from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint import barrier, exchange, multistart, starts
+from secure_uav_planner.optimize.joint import exchange, interior_point, multistart, starts
 from secure_uav_planner.optimize.joint.method import improve
 
 from .missions import random_mission
 
-_MODULES = multistart, starts, barrier, exchange
+_MODULES = multistart, starts, interior_point, exchange
 _LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
 
 

@@ -104,7 +104,7 @@ def _rate(grid, x, place, radius, advantage, to_ground, softening):
 
 def model(barrier):
     """
-    Return the model from which the next step of a Barrier is computed.
+    Return the model from which the next step of an InteriorPointSolver is computed.
 
     :return: the barrier function, (S,), its gradient, (S, N, U, 3), and the Hessian of the
         objective slot by slot, of which the lower triangles count, (S, N, 3 U, 3 U).

@@ -7,7 +7,7 @@ import oracle
 from secure_uav_planner import Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from strategies import missions, random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -49,7 +49,8 @@ def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(s
     x = grid.variables(positions[:, 1:-1], powers)
     rates = guaranteed_rates(scenario, positions, powers)
     np.testing.assert_allclose(
-        Barrier(grid, x[None], 1.0).rates() * grid.rate / np.log(2), np.maximum(rates, 0).mean(),
+        InteriorPointSolver(grid, x[None], 1.0).rates() * grid.rate / np.log(2),
+        np.maximum(rates, 0).mean(),
         rtol=1e-9, atol=1e-9)
     ground, leaks = oracle.rates(grid, x)
     leak = (np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding
@@ -64,7 +65,7 @@ def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(s
 def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
     grid = Problem(scenario).grid
     x = interior_variables(grid, np.random.default_rng(seed))
-    _, [gradient], _ = oracle.model(Barrier(grid, x[None], mu))
+    _, [gradient], _ = oracle.model(InteriorPointSolver(grid, x[None], mu))
     exact = oracle.gradient(
         lambda at: oracle.barrier(grid, at, mu, oracle.SOFTENING), x)
     np.testing.assert_allclose(gradient, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
@@ -75,7 +76,7 @@ def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
     grid, step = Problem(scenario).grid, 1e-5
     x = interior_variables(grid, np.random.default_rng(seed))
-    _, _, [hessians] = oracle.model(Barrier(grid, x[None], mu))
+    _, _, [hessians] = oracle.model(InteriorPointSolver(grid, x[None], mu))
     exact = oracle.hessians(
         lambda at: oracle.objective(grid, at, mu, oracle.SOFTENING), x, step)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
@@ -99,5 +100,5 @@ def test_derivatives_are_finite_at_the_kink():
     grid = Problem(scenario).grid
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
     x = grid.variables(above, 0.5 * np.ones((2, 3)))
-    _, gradient, hessian = oracle.model(Barrier(grid, x[None], 1e-2))
+    _, gradient, hessian = oracle.model(InteriorPointSolver(grid, x[None], 1e-2))
     assert np.isfinite(gradient).all() and np.isfinite(hessian).all()

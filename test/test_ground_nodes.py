@@ -10,7 +10,7 @@ from secure_uav_planner import (
     assess, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve, Uav, upper_bound)
 from secure_uav_planner.errors import OptionError, PlanError, ScenarioError
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 
 LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
            'C': [(0, 200), (-100, 0), (0, -200)], 'D': [(0, 0), (130, 60)]}
@@ -145,7 +145,7 @@ def test_the_gradient_is_that_of_the_barrier_function(mu, eves):
     x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
 
     def evaluate(x, shares):
-        barrier = Barrier(grid, x[None], mu)
+        barrier = InteriorPointSolver(grid, x[None], mu)
         barrier.shares[0] = shares
         size = x.size + 2 * len(x)
         parts = np.empty(1), np.empty((1, size)), np.empty((1, len(x), size // 5, size // 5))

@@ -15,7 +15,7 @@ from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import adapt_plan, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint.barrier import Barrier, Stepper
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver, SolverDriver
 from secure_uav_planner.optimize.joint.starts import generate_starts
 from strategies import make_crowd, PLACE, rotate_map, scenarios, with_uavs
 
@@ -98,8 +98,8 @@ def test_a_numerical_failure_of_a_part_does_not_spoil_the_plan(monkeypatch, fail
             raise NumericalError('no Newton step could be computed')
         return make(*arguments)
 
-    make = Stepper.build_barrier
-    monkeypatch.setattr(Stepper, 'build_barrier', barrier)
+    make = SolverDriver.build_solver
+    monkeypatch.setattr(SolverDriver, 'build_solver', barrier)
     scenario = random_mission(4, slots=40)
     plan = solve(scenario)
     assert len(calls) >= failing and plan.status == 'converged'
@@ -172,7 +172,7 @@ def test_the_largest_scenarios_end_at_their_deadline(uavs, eavesdroppers, slots)
 @pytest.mark.parametrize('healthy', [0, 3, 10])
 def test_numerical_failures_cost_steps_and_not_the_plan(monkeypatch, healthy):
     calls = []
-    advance = Barrier.advance
+    advance = InteriorPointSolver.advance
 
     def fail_later(barrier, *arguments):
         calls.append(arguments)
@@ -180,7 +180,7 @@ def test_numerical_failures_cost_steps_and_not_the_plan(monkeypatch, healthy):
             raise NumericalError('no Newton step could be computed')
         return advance(barrier, *arguments)
 
-    monkeypatch.setattr(Barrier, 'advance', fail_later)
+    monkeypatch.setattr(InteriorPointSolver, 'advance', fail_later)
     scenario = Scenario.paper(102)
     plan = solve(scenario, method='joint')
     assert isinstance(plan, Plan)

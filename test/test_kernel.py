@@ -23,7 +23,7 @@ from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import generate_starts, make_strictly_feasible
 from strategies import make_crowd, scenarios, with_uavs
 
@@ -74,7 +74,7 @@ LINES = {
 
 def check_model(grid, x, mu, rng):
     """Compare the barrier function and its gradient, along three directions, with the oracle."""
-    [value], [gradient], _ = oracle.model(Barrier(grid, x[None], mu))
+    [value], [gradient], _ = oracle.model(InteriorPointSolver(grid, x[None], mu))
     assert value == pytest.approx(
         oracle.barrier(grid, x, mu, oracle.SOFTENING), rel=1e-9, abs=1e-9)
     for direction in rng.normal(size=(3, *x.shape)):
@@ -107,7 +107,7 @@ def test_the_barrier_function_is_that_of_the_formulas_for_any_mission(scenario, 
 def test_the_largest_scenario_follows_the_formulas_too():
     grid, x = find_interior(make_crowd(32, 32, 6), 6)
     check_model(grid, x, 1e-2, np.random.default_rng(0))
-    barrier = Barrier(grid, x[None], 1e-2)
+    barrier = InteriorPointSolver(grid, x[None], 1e-2)
     barrier.advance(1, 1e-3)
     assert smallest_slack(grid, barrier.x[0]) > 0 and not np.array_equal(barrier.x[0], x)
 
@@ -119,7 +119,7 @@ def test_the_largest_scenario_follows_the_formulas_too():
 def test_steps_stay_inside_and_lower_the_function_until_it_is_stationary(scenario):
     grid, x = find_interior(scenario, None)
     mu = 1e-2
-    barrier = Barrier(grid, x[None], mu)
+    barrier = InteriorPointSolver(grid, x[None], mu)
     lines = any(isinstance(limit, LineLimit) for limit in build_limits(grid))
     first, last = slope_of(barrier), np.inf
     for _ in range(80):
@@ -142,7 +142,7 @@ def slope_of(barrier):
 
 def test_several_steps_in_a_call_are_the_same_as_single_ones():
     grid, (x, mu) = first_starts(random_mission(2), 30)
-    together, singly = (Barrier(grid, x, mu) for _ in range(2))
+    together, singly = (InteriorPointSolver(grid, x, mu) for _ in range(2))
     left = 12
     while left:
         left -= together.advance(left, COARSE_MU)
@@ -160,7 +160,7 @@ def test_a_call_takes_fewer_steps_if_they_are_long():
         grid = problem.grid
         x = make_strictly_feasible(grid, fly_hover_fly_positions(problem),
                                    constant_powers(grid.scenario), share=0.05)
-        taken.append(Barrier(grid, x[None], 0.02).advance(60, 1e-3))
+        taken.append(InteriorPointSolver(grid, x[None], 0.02).advance(60, 1e-3))
     assert 1 <= taken[1] < taken[0] == 60
 
 
@@ -197,7 +197,7 @@ def test_threads_run_during_a_long_step_and_check_can_stop_it():
         if len(counts) > 3 and not done.is_set():
             raise Stop
 
-    barrier = Barrier(grid, x, 0.02, check)
+    barrier = InteriorPointSolver(grid, x, 0.02, check)
     thread = threading.Thread(target=count)
     thread.start()
     try:
@@ -217,19 +217,19 @@ def test_variables_of_a_wrong_shape_are_refused():
     grid, (x, mu) = first_starts(Scenario.paper(), 5)
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
-            Barrier(grid, wrong, 0.1)
+            InteriorPointSolver(grid, wrong, 0.1)
 
 
 def test_a_start_with_nan_fails_alone():
     grid, (x, mu) = first_starts(Scenario.paper(), 5)
     x = x[:3].copy()
     x[1, 2] = np.nan
-    barrier = Barrier(grid, x, mu[:3])
+    barrier = InteriorPointSolver(grid, x, mu[:3])
     barrier.advance(1, 1e-3)
     assert (barrier.x[[0, 2]] != x[[0, 2]]).any(axis=(1, 2, 3)).all()
     assert np.array_equal(barrier.x[1], x[1], equal_nan=True)
     with pytest.raises(NumericalError):
-        Barrier(grid, x[1:2], mu[1:2]).advance(1, 1e-3)
+        InteriorPointSolver(grid, x[1:2], mu[1:2]).advance(1, 1e-3)
 
 
 # Where the kernel is not there or does not fit

@@ -14,7 +14,7 @@ from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
 from secure_uav_planner.model.limits.energy import measure_energies
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from strategies import with_uavs
 from test_replan import plan_of, received
@@ -150,7 +150,7 @@ def test_the_price_in_the_kernel_is_that_of_the_energy_along_the_curve(velocity)
 
     def evaluate(x, prices):
         value, gradient = np.empty(1), np.empty((1, *x.shape))
-        Barrier(grid, x[None], 1e-3, prices=prices)._core.evaluate(
+        InteriorPointSolver(grid, x[None], 1e-3, prices=prices)._core.evaluate(
             value, gradient, np.empty((1, grid.slots, 6, 6)))
         return value[0], gradient[0]
 

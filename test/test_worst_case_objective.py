@@ -13,8 +13,8 @@ from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import exchange
-from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
+from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.method import improve
 from strategies import scenarios, with_uavs
 
@@ -124,8 +124,8 @@ def test_the_curvature_of_the_largest_leak_is_that_of_places_that_follow_the_uav
     fixed._largest[:] = False  # So that no place follows.
     ground = oracle.hessians(lambda at: oracle.rates(grid, at)[0], x)
     bends = [
-        mirror(oracle.model(Barrier(grid, x[None], 1e-7, receivers=variant.receivers,
-                                    discs=variant.discs))[2][0]) + ground
+        mirror(oracle.model(InteriorPointSolver(grid, x[None], 1e-7, receivers=variant.receivers,
+                                                discs=variant.discs))[2][0]) + ground
         for variant in (places, fixed)]
     measured, fixed_bends = [], []
     for move in rng.normal(0, 1, (20, 2, 3)):

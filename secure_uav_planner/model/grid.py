@@ -226,12 +226,12 @@ class Receivers:
     weights: Array
 
     @classmethod
-    def of(cls, grid: Grid, lead: float = 0.0) -> 'Receivers':
-        """Return the receivers of a grid's scenario for the guarantee; lead as in make_links."""
+    def of(cls, grid: Grid, elevation_offset: float = 0.0) -> 'Receivers':
+        """Return the receivers of a grid's scenario for the guarantee; see make_links."""
         grounds, centres, radii = grid.scenario.receivers_at(grid.times)
         positions = np.concatenate([grounds, centres]).swapaxes(0, 1) - grid.origin
         radii = np.concatenate([np.zeros(grounds.shape[:2]), radii]).T
-        link = make_links(grid.scenario, grid.length, grid.power, lead)
+        link = make_links(grid.scenario, grid.length, grid.power, elevation_offset)
         return cls(positions / grid.length, radii / grid.length, link,
                    grid.scenario.node_weights)
 

@@ -3,7 +3,7 @@ The optimisation: methods and baselines, from a scenario to a plan.
 
 | algorithm | module |
 | --- | --- |
-| primal-dual interior-point method, banded Newton steps | `joint/barrier.py`, `model/kernel/` |
+| primal-dual interior-point method, banded steps | `joint/interior_point.py`, `model/kernel/` |
 | multistart, refinement from coarse to fine grids | `joint/multistart.py`, `joint/starts.py` |
 | prices on energy (Lagrangian relaxation), by warm starts | `joint/energy.py` |
 | exchange of constraints (semi-infinite programming) | `joint/exchange.py` |

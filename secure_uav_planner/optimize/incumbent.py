@@ -72,7 +72,7 @@ class Incumbent:
                 return 0.0
         powers = (self.powers if powers is None else
                   self.problem.repair_powers(positions, powers))
-        powers, rates = self._silence_losing_slots(positions, powers)
+        powers, rates = self._mute_nonpositive_slots(positions, powers)
         weights = self.scenario.node_weights
         shares = find_shares(rates, weights)
         rate = weigh_rates(rates, weights, shares)
@@ -83,9 +83,9 @@ class Incumbent:
         self._rates = (shares * rates).sum(axis=0)
         return gain
 
-    def _silence_losing_slots(self, positions: Array, powers: Array) -> tuple[Array, Array]:
+    def _mute_nonpositive_slots(self, positions: Array, powers: Array) -> tuple[Array, Array]:
         """Return powers, silent where no rate is positive, and rates, 0 where negligible."""
-        powers, rates = silence_losing_slots(self.scenario, positions, powers, self.objective)
+        powers, rates = mute_nonpositive_slots(self.scenario, positions, powers, self.objective)
         return powers, np.where(rates > self._negligible, rates, 0.0)
 
     def try_less_jamming(self) -> None:
@@ -118,7 +118,7 @@ class Incumbent:
         powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
         for near in (after - 1, after):
             tried = self.powers[:, useful[near.clip(0, len(useful) - 1)]]
-            _, rates = silence_losing_slots(
+            _, rates = mute_nonpositive_slots(
                 self.scenario, positions, tried, self.objective, times)
             rates = rates.max(axis=0)
             better = rates > best
@@ -165,9 +165,9 @@ class Incumbent:
                     objective=self.objective, shares=self.shares)
 
 
-def silence_losing_slots(scenario: Scenario, positions: Array, powers: Array,
-                         objective: Objective = 'guaranteed', times: Array | None = None
-                         ) -> tuple[Array, Array]:
+def mute_nonpositive_slots(scenario: Scenario, positions: Array, powers: Array,
+                           objective: Objective = 'guaranteed', times: Array | None = None
+                           ) -> tuple[Array, Array]:
     """
     Return powers (U, N) in W, silent where all rates are negative, and the nodes' rates (G, N).
 

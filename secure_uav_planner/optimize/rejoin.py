@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from .incumbent import silence_losing_slots
+from .incumbent import mute_nonpositive_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, EFFORT_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
@@ -125,7 +125,7 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     powers = plan.powers[:, :point].copy()
     if point > first:
         times: Array = np.arange(first + 1.0, point + 1) * step
-        powers[:, first:] = silence_losing_slots(
+        powers[:, first:] = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
             plan.objective, times)[0]
     return Rejoin(plan, first, point, positions, powers, tail, scenario)

@@ -18,7 +18,7 @@ from .settings import airspace_from, channel_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..optimize.incumbent import silence_losing_slots
+from ..optimize.incumbent import mute_nonpositive_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, PlanClock, predict_state, start_from_state
@@ -107,7 +107,7 @@ class Request(NamedTuple):
         start_ns += round(_RELEASE * 1e9)
         later = start_ns * 1e-9 - self.clock.clock
         scenario = self.receivers.postpone(plan.scenario, later)
-        powers, _ = silence_losing_slots(scenario, plan.positions, plan.powers, plan.objective)
+        powers, _ = mute_nonpositive_slots(scenario, plan.positions, plan.powers, plan.objective)
         return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
                        promised_until=until - later)
 

@@ -161,24 +161,26 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
                  scenario.altitudes.reshape(shape))
 
 
-def make_links(scenario: Scenario, length: float, power: Array, lead: float = 0.0) -> FreeSpace:
+def make_links(scenario: Scenario, length: float, power: Array,
+               elevation_offset: float = 0.0) -> FreeSpace:
     """
     Return the links to the ground nodes and to every eavesdropper, for arrays (..., K, U).
 
     :param length: the unit of length in m, as power (U,) has those of powers in W.
-    :param lead: degrees of elevation by which gains of links that help begin to rise early, above
-        those that count, so that optimisation finds from outside where there are lines of sight.
+    :param elevation_offset: homotopy parameter in degrees, by which gains of links that help begin
+        to rise early, above those that count, so that optimisation finds from outside where there
+        are lines of sight.
     """
     nodes, eves = len(scenario.ground_nodes), len(scenario.eavesdroppers)
     link = _link(scenario, [0] * nodes + [1] * eves, (nodes + eves, -1),
                  scenario.reference_snr * power / length**scenario.channel.exponent,
-                 scenario.altitudes / length, lead)
+                 scenario.altitudes / length, elevation_offset)
     return link.for_receivers(
         np.append(np.ones(nodes), scenario.receiver_advantages)[:, None])
 
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
-          snr: Array | float, altitudes: Array, lead: float = 0.0) -> FreeSpace:
+          snr: Array | float, altitudes: Array, elevation_offset: float = 0.0) -> FreeSpace:
     """Return a link to kinds of receivers, ground node (0) or eavesdroppers (1), in a shape."""
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
@@ -194,8 +196,8 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     kappa = 10.0**(-loss / 10.0)
     if channel.counts_sights:
         helping, harming = _sight_elevations(a, b, share)
-        begin = np.where(is_adverse, harming - RISE, helping - lead)
-        width = np.where(is_adverse, RISE, RISE + lead)
+        begin = np.where(is_adverse, harming - RISE, helping - elevation_offset)
+        width = np.where(is_adverse, RISE, RISE + elevation_offset)
         return PathLossQuantile(
             snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
     losses = np.where(is_adverse & channel.cautious, 1.0, kappa)

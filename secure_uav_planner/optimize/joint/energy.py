@@ -14,8 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .barrier import FINAL_MU, Stepper
 from .exchange import descend_by_exchange
+from .interior_point import FINAL_MU, SolverDriver
 from .starts import make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import InfeasibleMissionError, NumericalError
@@ -40,66 +40,66 @@ STEPS = 30  # The most Newton steps at a price.
 SHARE = 0.01  # Of the slack that a start at another price leaves,
 MU, FIRST_MU = 1e-3, 1e-2  # and barrier parameters, there and at the first price.
 
-_Descend: TypeAlias = Callable[[Stepper, Array, float], Array]
-"""Descends at a Stepper's prices from starts (S, N, U, 3), and a barrier parameter, on."""
+_Descend: TypeAlias = Callable[[SolverDriver, Array, float], Array]
+"""Descends at a SolverDriver's prices from starts (S, N, U, 3), and a barrier parameter, on."""
 
 
-def improve_within_energy(stepper: Stepper, free: Incumbent | None) -> Status:
+def improve_within_energy(driver: SolverDriver, free: Incumbent | None) -> Status:
     """
-    Improve the incumbent of a Stepper, which has limits of energy.
+    Improve the incumbent of a SolverDriver, which has limits of energy.
 
     :param free: the best incumbent without them; None where a feasible start is to be improved.
     :raises InfeasibleMissionError: when no flights are found that keep them.
     """
-    incumbent = stepper.incumbent
+    incumbent = driver.incumbent
     is_guaranteed = incumbent.objective == 'guaranteed'
     search = _PriceSearch(
-        stepper if is_guaranteed else Stepper(incumbent.with_objective('guaranteed')), _descend,
-        incumbent.rate if free is None else free.rate)
+        driver if is_guaranteed else SolverDriver(incumbent.with_objective('guaranteed')),
+        _descend, incumbent.rate if free is None else free.rate)
     if free is None:
         search.improve(search.prices)
     else:
         search.explore(free)
     if not is_guaranteed:
-        plan = search.stepper.incumbent
+        plan = search.driver.incumbent
         incumbent.try_improve(plan.positions, plan.useful_powers)
-        _PriceSearch(stepper, descend_by_exchange, incumbent.rate).improve(search.prices)
+        _PriceSearch(driver, descend_by_exchange, incumbent.rate).improve(search.prices)
     return 'converged'
 
 
-def _descend(stepper: Stepper, x: Array, mu: float) -> Array:
+def _descend(driver: SolverDriver, x: Array, mu: float) -> Array:
     """Descend for problem (P2); see _Descend."""
-    barrier = stepper.build_barrier(stepper.grid, x, mu)
+    solver = driver.build_solver(driver.grid, x, mu)
     for _ in range(STEPS):
-        stepper.step(barrier, FINAL_MU * mu / MU)
-        if barrier.finished.all():
+        driver.step(solver, FINAL_MU * mu / MU)
+        if solver.finished.all():
             break
-    return barrier.x
+    return solver.x
 
 
 class _PriceSearch:
     """
     The search for prices at which flights use up their budgets.
 
-    Every flight is proposed to the Stepper's incumbent, which keeps those within the budgets.
+    Every flight is proposed to the SolverDriver's incumbent, which keeps those within the budgets.
 
     :param rate: that a plan may have, in bit/s/Hz.
     :ivar prices: those of the incumbent, or first ones, in nats per J, (U,).
     """
 
-    def __init__(self, stepper: Stepper, descend: _Descend, rate: float) -> None:
-        self.stepper, self._descend = stepper, descend
-        self._scenario = stepper.incumbent.scenario
+    def __init__(self, driver: SolverDriver, descend: _Descend, rate: float) -> None:
+        self.driver, self._descend = driver, descend
+        self._scenario = driver.incumbent.scenario
         self._budgets = self._scenario.max_energies
         self._least = np.full(len(self._budgets), math.inf)
         # Prices at which budgets cost as much as all that is delivered, 0 without a budget.
         self._unit = self._scenario.slots / self._budgets * max(
-            np.log(2) * rate, stepper.grid.rate)
+            np.log(2) * rate, driver.grid.rate)
         self.prices = FIRST_PRICE * self._unit
 
     def improve(self, prices: Array) -> None:
         """Improve the incumbent from where it is, from prices on."""
-        incumbent = self.stepper.incumbent
+        incumbent = self.driver.incumbent
         x = self._descend_at(prices, [(incumbent.positions, incumbent.powers)], MU)
         self._find_prices(x[0], prices, LATER_PRICES)
 
@@ -113,7 +113,7 @@ class _PriceSearch:
         if np.array_equal(flights[0], flights[1]):
             flights = flights[:1]  # No UAV hovers.
         starts = [(flight, free.powers) for flight in flights]
-        prices, grid = self.prices, self.stepper.grid
+        prices, grid = self.prices, self.driver.grid
         for raised in (1, RAISE, RAISE**2):
             x = self._descend_at(prices, starts, raised * FIRST_MU)
             energies = np.array([measure_energies(self._scenario, grid.positions(start))
@@ -135,16 +135,16 @@ class _PriceSearch:
     def _descend_at(self, prices: Array, starts: Sequence[tuple[Array, Array]], mu: float
                     ) -> Array:
         """Return starts, positions and powers of plans, descended at prices, (S, N, U, 3)."""
-        stepper = self.stepper
-        stepper.prices = prices
+        driver = self.driver
+        driver.prices = prices
         inside = []
         for positions, powers in starts:
             with suppress(NumericalError):
                 inside.append(make_strictly_feasible(
-                    stepper.grid, positions, powers, SHARE, stepper.check))
+                    driver.grid, positions, powers, SHARE, driver.check))
         if not inside:
             raise NumericalError('no flight strictly inside the limits was found')
-        return self._descend(stepper, np.array(inside), mu)
+        return self._descend(driver, np.array(inside), mu)
 
     def _find_prices(self, x: Array, prices: Array, most: int = PRICES) -> None:
         """
@@ -153,7 +153,7 @@ class _PriceSearch:
         :param x: variables (N, U, 3) that have descended at prices.
         :param most: number of prices.
         """
-        grid = self.stepper.grid
+        grid = self.driver.grid
         bounds = np.stack([np.zeros_like(prices), np.full_like(prices, math.inf)])
         excesses = np.stack([np.ones_like(prices), -np.ones_like(prices)])
         inside = None  # The last flight within all budgets; from others, UAVs hover again.
@@ -165,7 +165,7 @@ class _PriceSearch:
             if not over.any():
                 inside = x
             elif inside is not None:
-                self.stepper.try_variables(self._blend(x, inside))
+                self.driver.try_variables(self._blend(x, inside))
             start = x if inside is None else inside
             settled = ~over & (-excess * prices <= UNUSED * self._unit)
             if settled.all():
@@ -175,7 +175,7 @@ class _PriceSearch:
 
     def _blend(self, x: Array, inside: Array) -> Array:
         """Return variables between some and those of flights within budgets, just within."""
-        share, grid = np.array([0.0, 1.0]), self.stepper.grid
+        share, grid = np.array([0.0, 1.0]), self.driver.grid
         for _ in range(BISECTIONS):
             blend = x + share.mean() * (inside - x)
             energies = measure_energies(self._scenario, grid.positions(blend))
@@ -184,12 +184,12 @@ class _PriceSearch:
 
     def _propose(self, x: Array, prices: Array) -> Array:
         """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""
-        incumbent = self.stepper.incumbent
+        incumbent = self.driver.incumbent
         before = incumbent.rate
-        self.stepper.try_variables(x)
+        self.driver.try_variables(x)
         if incumbent.rate > before:
             self.prices = prices
-        energies = measure_energies(self._scenario, self.stepper.grid.positions(x))
+        energies = measure_energies(self._scenario, self.driver.grid.positions(x))
         self._least = np.minimum(self._least, energies)
         return energies / self._budgets - 1
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .barrier import (
-    Barrier, Discs, MOST_STEPS, Optima, Stepper, TRY_EVERY, WARM_MU, WARM_SHARE)
+from .interior_point import (
+    Discs, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, TRY_EVERY, WARM_MU, WARM_SHARE)
 from .starts import make_strictly_feasible
 from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
@@ -24,7 +24,7 @@ from ...plan.plan import Status
 WORSE = 1e-7  # The least leak, in the grid's unit of rates, by which a place is worse.
 PLACES_MU = 0.02  # The barrier parameter at the beginning
 PLACES_FINAL_MU = 1e-7  # and at the end,
-PATIENCE = 8  # and the most steps at the end.
+FINAL_STEPS = 8  # and the most steps at the end.
 WORTH = 0.01  # The relative gain that is worth a second round,
 MORE_STEPS = 40  # and its most steps.
 EXPLORED = 6  # The most optima of (P2) that are compared for (P1), on the coarse grid,
@@ -36,56 +36,56 @@ _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, 
 _NEAR = 0.5  # In radii of the disc.
 
 
-def improve_by_exchange(stepper: Stepper, optima: Optima | None = None) -> Status:
+def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
     """
     Improve the incumbent against the worst places of the discs, problem (P1).
 
     :param optima: of (P2), which in (P1) may rank differently; the best of them is tried, too.
     """
-    incumbent = stepper.incumbent
-    stepper.check()
-    x = make_strictly_feasible(stepper.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               stepper.check)
-    status = _improve_from(stepper, x, WARM_MU if incumbent.warm else PLACES_MU)
+    incumbent = driver.incumbent
+    driver.check()
+    x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
+                               driver.check)
+    status = _improve_from(driver, x, WARM_MU if incumbent.warm else PLACES_MU)
     if optima is not None and len(optima.x) > 1:
         with suppress(NumericalError, np.linalg.LinAlgError):
-            best = _explore(stepper, optima)
-            fine = stepper.refine_to_full_grid(optima.grid, best[None], EXPLORED_MU)
-            _improve_from(stepper, fine.x[0], EXPLORED_MU)
+            best = _explore(driver, optima)
+            fine = driver.refine_to_full_grid(optima.grid, best[None], EXPLORED_MU)
+            _improve_from(driver, fine.x[0], EXPLORED_MU)
     return status
 
 
-def descend_by_exchange(stepper: Stepper, x: Array, mu: float) -> Array:
-    """Return starts on the full grid, (S, N, U, 3), after steps at the prices of a Stepper."""
+def descend_by_exchange(driver: SolverDriver, x: Array, mu: float) -> Array:
+    """Return starts on the full grid, (S, N, U, 3), after steps at a SolverDriver's prices."""
     descended = []
     for start in x:
-        exchange, last_steps = _Exchange(stepper, stepper.grid, start, mu), 0
+        exchange, last_steps = _Exchange(driver, driver.grid, start, mu), 0
         for _ in range(MORE_STEPS):
             exchange.step(PLACES_FINAL_MU)
             last_steps += int(exchange.mu <= PLACES_FINAL_MU)
-            if exchange.at_rest or last_steps >= PATIENCE:
+            if exchange.at_rest or last_steps >= FINAL_STEPS:
                 break
         descended.append(exchange.best)
     return np.array(descended)
 
 
-def _improve_from(stepper: Stepper, x: Array, mu: float) -> Status:
+def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
     """Improve the incumbent from a start on the full grid, (N, U, 3)."""
-    incumbent = stepper.incumbent
+    incumbent = driver.incumbent
     before = incumbent.rate
-    status, at_rest = _improve_once(stepper, x, mu, MOST_STEPS)
+    status, at_rest = _improve_once(driver, x, mu, MOST_STEPS)
     # Where places oscillated and the first round gained much, a second may gain more.
     if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
-        x = make_strictly_feasible(stepper.grid, incumbent.positions, incumbent.powers,
-                                   WARM_SHARE, stepper.check)
-        _improve_once(stepper, x, mu, MORE_STEPS)
+        x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
+                                   WARM_SHARE, driver.check)
+        _improve_once(driver, x, mu, MORE_STEPS)
     return status
 
 
-def _improve_once(stepper: Stepper, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
+def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
     """Improve the incumbent in one round; return also True if places came to rest."""
-    incumbent = stepper.incumbent
-    exchange = _Exchange(stepper, stepper.grid, x, mu)
+    incumbent = driver.incumbent
+    exchange = _Exchange(driver, driver.grid, x, mu)
     # The proof of a worst case pays only for iterates that seem better than the incumbent.
     tried = incumbent.rate * np.log(2)
     last_steps = 0
@@ -93,13 +93,13 @@ def _improve_once(stepper: Stepper, x: Array, mu: float, steps: int) -> tuple[St
         try:
             exchange.step(PLACES_FINAL_MU)
         except (StoppedError, TimeLimitError):
-            stepper.try_variables(exchange.best)
+            driver.try_variables(exchange.best)
             raise
         last_steps += int(exchange.mu <= PLACES_FINAL_MU)
         # Places may oscillate, by ever less.
-        done = exchange.at_rest or last_steps >= PATIENCE
+        done = exchange.at_rest or last_steps >= FINAL_STEPS
         if exchange.rate > tried and (done or step == steps or step % TRY_EVERY == 0):
-            stepper.try_variables(exchange.best)
+            driver.try_variables(exchange.best)
             tried = exchange.rate
         if done:
             incumbent.report('joint')
@@ -107,11 +107,11 @@ def _improve_once(stepper: Stepper, x: Array, mu: float, steps: int) -> tuple[St
     return 'iteration_limit', False
 
 
-def _explore(stepper: Stepper, optima: Optima) -> Array:
+def _explore(driver: SolverDriver, optima: Optima) -> Array:
     """Return the best of some optima after a few steps from each, (N, U, 3)."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXPLORED]:
-        exchange = _Exchange(stepper, optima.grid, x, EXPLORING_MU)
+        exchange = _Exchange(driver, optima.grid, x, EXPLORING_MU)
         with suppress(NumericalError):
             for _ in range(EXPLORING_STEPS):
                 exchange.step(EXPLORING_FINAL_MU)
@@ -128,30 +128,30 @@ class _Exchange:
         of its energy.
     """
 
-    def __init__(self, stepper: Stepper, grid: Grid, x: Array, mu: float) -> None:
-        self._stepper, self._tolerance = stepper, WORSE * grid.rate
+    def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float) -> None:
+        self._driver, self._tolerance = driver, WORSE * grid.rate
         self._places = WorstPlaces(grid, x)
-        self._barrier = Barrier(grid, x[None], mu, stepper.check, self._places.receivers,
-                                self._places.discs, stepper.prices)
-        self.best, self.rate = x, self._places.rate - stepper.find_cost(grid, x)
+        self._solver = InteriorPointSolver(grid, x[None], mu, driver.check, self._places.receivers,
+                                           self._places.discs, driver.prices)
+        self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
 
     @property
     def mu(self) -> float:
         """Barrier parameter of the next step."""
-        return float(self._barrier.mu[0])
+        return float(self._solver.mu[0])
 
     @property
     def at_rest(self) -> bool:
         """Whether steps and places have come to an end."""
-        return bool(self._barrier.finished.all())
+        return bool(self._solver.finished.all())
 
     def step(self, final_mu: float) -> None:
         """Take a step, and raise as Deadline.check does."""
-        self._stepper.step(self._barrier, final_mu)
-        x = self._barrier.x[0]
-        worse = self._places.exchange(x, self._barrier.shares[0].T, self._tolerance)
-        self._barrier.exchange(self._places.receivers, self._places.discs, worse)
-        rate = self._places.rate - self._stepper.find_cost(self._barrier.grid, x)
+        self._driver.step(self._solver, final_mu)
+        x = self._solver.x[0]
+        worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
+        self._solver.exchange(self._places.receivers, self._places.discs, worse)
+        rate = self._places.rate - self._driver.find_cost(self._solver.grid, x)
         if rate > self.rate:
             self.best, self.rate = x.copy(), rate
 

@@ -7,9 +7,9 @@ best plans are then improved for it, `exchange.py`. Limits of energy are kept la
 
 import math
 
-from .barrier import Stepper
 from .energy import improve_within_energy
 from .exchange import improve_by_exchange
+from .interior_point import SolverDriver
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
 from ..deadline import run_to_end
 from ..incumbent import Incumbent
@@ -24,35 +24,35 @@ def improve(incumbent: Incumbent) -> Status:
     :param incumbent: when `warm`, it is the only start.
     :return: the status.
     """
-    stepper = Stepper(incumbent)
+    driver = SolverDriver(incumbent)
     if incumbent.scenario.limits_energy:
-        return _improve_within_energy(stepper)
+        return _improve_within_energy(driver)
     if incumbent.objective == 'guaranteed' or not incumbent.scenario.receivers.radii.any():
-        return _improve_guaranteed(stepper)
+        return _improve_guaranteed(driver)
     if incumbent.warm:
-        return run_to_end(improve_by_exchange, stepper)
+        return run_to_end(improve_by_exchange, driver)
     # The plan of (P2) is where (P1) begins, and what it is never below.
-    guaranteed = Stepper(incumbent.with_objective('guaranteed'))
+    guaranteed = SolverDriver(incumbent.with_objective('guaranteed'))
     plan = guaranteed.incumbent
     _improve_guaranteed(guaranteed)
     incumbent.try_improve(plan.positions, plan.useful_powers)
-    status = run_to_end(improve_by_exchange, stepper, guaranteed.optima)
+    status = run_to_end(improve_by_exchange, driver, guaranteed.optima)
     if not incumbent.deadline.is_over():
         plan.try_idle_slots()
         incumbent.try_improve(plan.positions, plan.useful_powers)
     return status
 
 
-def _improve_within_energy(stepper: Stepper) -> Status:
-    """Improve the incumbent of a Stepper whose scenario has limits of energy; see improve."""
-    incumbent, free = stepper.incumbent, None
+def _improve_within_energy(driver: SolverDriver) -> Status:
+    """Improve the incumbent of a SolverDriver whose scenario has limits of energy; see improve."""
+    incumbent, free = driver.incumbent, None
     if not incumbent.warm or math.isinf(incumbent.rate):
         free = incumbent.without_energy_limits()
         status = improve(free)
         incumbent.try_improve(free.positions, free.useful_powers)
         if incumbent.problem.keeps_energy(free.positions):
             return status
-    status = run_to_end(improve_within_energy, stepper, free)
+    status = run_to_end(improve_within_energy, driver, free)
     if math.isinf(incumbent.rate):
         incumbent.deadline.check()
         raise InfeasibleMissionError(
@@ -60,17 +60,17 @@ def _improve_within_energy(stepper: Stepper) -> Status:
     return status
 
 
-def _improve_guaranteed(stepper: Stepper) -> Status:
-    """Improve the incumbent of a Stepper for (P2), or where discs are points; see improve."""
-    incumbent = stepper.incumbent
+def _improve_guaranteed(driver: SolverDriver) -> Status:
+    """Improve the incumbent of a SolverDriver for (P2), or where discs are points; see improve."""
+    incumbent = driver.incumbent
     if incumbent.warm:
-        return run_to_end(improve_incumbent, stepper)
+        return run_to_end(improve_incumbent, driver)
     if not incumbent.problem.airspace.is_open:
         # So few flights are tried there that all may be worse than the baseline's.
         optimise_powers(incumbent)
-    return run_to_end(improve_by_multistart, stepper)
+    return run_to_end(improve_by_multistart, driver)
 
 
 def optimise_powers(incumbent: Incumbent) -> Status:
     """Improve only the powers of an Incumbent; return the status."""
-    return run_to_end(improve_powers, Stepper(incumbent))
+    return run_to_end(improve_powers, SolverDriver(incumbent))

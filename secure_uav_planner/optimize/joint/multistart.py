@@ -18,8 +18,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .barrier import (
-    Barrier, COARSE_MU, COARSE_SLOTS, FINAL_MU, Optima, Stepper, WARM_MU, WARM_SHARE)
+from .interior_point import (
+    COARSE_MU, COARSE_SLOTS, FINAL_MU, InteriorPointSolver, Optima, SolverDriver, WARM_MU,
+    WARM_SHARE)
 from .starts import generate_starts, limit_powers, make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import NumericalError
@@ -41,122 +42,123 @@ _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
 _LEVEL_MU = 0.03  # with this barrier parameter to begin with,
 _LEVEL_SHARE = 0.01  # and the share by which powers are moved into the interior.
 
-_LEADS = (8.0, 4.0, 2.0)  # Degrees by which gains rise early, from the coarse grid on,
-_LEAD_STEPS = 25  # and the most Newton steps with each on the full grid,
-_LEAD_MU = 1e-4  # down to this barrier parameter.
+_ELEVATION_OFFSETS = (8.0, 4.0, 2.0)  # Degrees by which gains rise early, from the coarse grid on,
+_OFFSET_STEPS = 25  # and the most Newton steps with each on the full grid,
+_OFFSET_MU = 1e-4  # down to this barrier parameter.
 
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part that the method can do without.
 _Starts: TypeAlias = tuple[Array, Array]
 
 
-def improve_by_multistart(stepper: Stepper) -> Status:
+def improve_by_multistart(driver: SolverDriver) -> Status:
     """
-    Improve the incumbent of a Stepper from several starts; return the status of the best.
+    Improve the incumbent of a SolverDriver from several starts; return the status of the best.
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
-    incumbent = stepper.incumbent
+    incumbent = driver.incumbent
     baseline = incumbent.with_objective('guaranteed')
     baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
-    stepper.lead = _LEADS[0] if counts_sights else 0.0
-    grid, first, batches = _generate_coarse_starts(stepper)
-    x, rates = _advance(stepper, grid, *first, STEPS)
+    driver.elevation_offset = _ELEVATION_OFFSETS[0] if counts_sights else 0.0
+    grid, first, batches = _generate_coarse_starts(driver)
+    x, rates = _advance(driver, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
               and (counts_sights
                    or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate / grid.rate + CLOSE)))
     if not agreed:
         with suppress(*_FAILURES):
-            more_x, more_rates = _advance(stepper, grid, *next(batches), STEPS)
+            more_x, more_rates = _advance(driver, grid, *next(batches), STEPS)
             x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = _select_best(rates, GAP, POLISHED)
-        x, rates = _polish(stepper, grid, x[near], rates[near])
-        stepper.optima = Optima(grid, x[_select_best(rates, GAP, POLISHED)])
+        x, rates = _polish(driver, grid, x[near], rates[near])
+        driver.optima = Optima(grid, x[_select_best(rates, GAP, POLISHED)])
     near = _select_best(rates, GAP, 1 if agreed else FINISHED)
-    fine = _reduce_lead(stepper, stepper.refine_to_full_grid(grid, x[near], COARSE_MU))
-    status = stepper.finish(fine)
+    fine = _reduce_elevation_offset(driver, driver.refine_to_full_grid(grid, x[near], COARSE_MU))
+    status = driver.finish(fine)
     if not agreed:
         _try_baseline(baseline, incumbent)
         with suppress(*_FAILURES):
             for share in POLISH_MUS:
                 if incumbent.rate > 0:
                     improve_incumbent(
-                        stepper, share * np.log(2) * incumbent.rate / grid.rate)
+                        driver, share * np.log(2) * incumbent.rate / grid.rate)
     return 'converged' if fine.finished.any() else status
 
 
-def _reduce_lead(stepper: Stepper, barrier: Barrier) -> Barrier:
-    """Return a Barrier without lead, after steps with ever less of it."""
-    for lead in (*_LEADS[1:], 0.0) if stepper.lead else ():
-        for _ in range(_LEAD_STEPS):
-            stepper.step(barrier, _LEAD_MU)
-            if barrier.finished.all():
+def _reduce_elevation_offset(driver: SolverDriver,
+                             solver: InteriorPointSolver) -> InteriorPointSolver:
+    """Return a solver without elevation offset, after steps with ever less of it."""
+    for offset in (*_ELEVATION_OFFSETS[1:], 0.0) if driver.elevation_offset else ():
+        for _ in range(_OFFSET_STEPS):
+            driver.step(solver, _OFFSET_MU)
+            if solver.finished.all():
                 break
-        stepper.lead = lead
-        barrier = stepper.build_barrier(barrier.grid, barrier.x, np.maximum(barrier.mu, COARSE_MU))
-    return barrier
+        driver.elevation_offset = offset
+        solver = driver.build_solver(solver.grid, solver.x, np.maximum(solver.mu, COARSE_MU))
+    return solver
 
 
-def improve_incumbent(stepper: Stepper, mu: float = WARM_MU) -> Status:
+def improve_incumbent(driver: SolverDriver, mu: float = WARM_MU) -> Status:
     """Improve the incumbent as it is, from a barrier parameter on; return the status."""
-    incumbent, grid = stepper.incumbent, stepper.grid
+    incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               stepper.check)
-    return stepper.finish(stepper.build_barrier(grid, x[None], mu))
+                               driver.check)
+    return driver.finish(driver.build_solver(grid, x[None], mu))
 
 
-def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
+def improve_powers(driver: SolverDriver, least: float = 0.0) -> Status:
     """
-    Improve only the powers of a Stepper's incumbent; return the status of the best level.
+    Improve only the powers of a SolverDriver's incumbent; return the status of the best level.
 
     :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
     :raises NumericalError: when no step can be computed from any level.
     """
-    incumbent = stepper.incumbent
+    incumbent = driver.incumbent
     incumbent.try_less_jamming()
-    stepper.grid = replace(stepper.grid, is_fixed=True)
-    grid = stepper.grid.with_slots(min(stepper.grid.slots, COARSE_SLOTS))
-    levels = np.repeat([limit_powers(incumbent.scenario)] * len(_LEVELS), stepper.grid.slots, -1)
+    driver.grid = replace(driver.grid, is_fixed=True)
+    grid = driver.grid.with_slots(min(driver.grid.slots, COARSE_SLOTS))
+    levels = np.repeat([limit_powers(incumbent.scenario)] * len(_LEVELS), driver.grid.slots, -1)
     levels[:, 1:] *= np.reshape(_LEVELS, (-1, 1, 1))
-    barrier = stepper.build_barrier(grid, np.array([
+    solver = driver.build_solver(grid, np.array([
         make_strictly_feasible(grid, incumbent.positions, powers, _LEVEL_SHARE)
         for powers in (incumbent.powers, *levels)]), _LEVEL_MU)
-    stepper.advance(barrier, _LEVEL_STEPS, COARSE_MU)
-    if grid.slots < stepper.grid.slots and barrier.rates().max() < least:
+    driver.advance(solver, _LEVEL_STEPS, COARSE_MU)
+    if grid.slots < driver.grid.slots and solver.rates().max() < least:
         return 'converged'
-    return stepper.finish(stepper.refine_to_full_grid(grid, barrier.x, barrier.mu))
+    return driver.finish(driver.refine_to_full_grid(grid, solver.x, solver.mu))
 
 
-def _generate_coarse_starts(stepper: Stepper) -> tuple[Grid, _Starts, Iterator[_Starts]]:
+def _generate_coarse_starts(driver: SolverDriver) -> tuple[Grid, _Starts, Iterator[_Starts]]:
     """Return the coarsest grid with room for most starts, their first batch, and the rest."""
     slots = COARSE_SLOTS
     while True:
-        grid = stepper.grid.with_slots(min(stepper.grid.slots, slots))
-        batches = generate_starts(grid, stepper.incumbent.problem, stepper.incumbent.positions,
-                                  stepper.check)
+        grid = driver.grid.with_slots(min(driver.grid.slots, slots))
+        batches = generate_starts(grid, driver.incumbent.problem, driver.incumbent.positions,
+                                  driver.check)
         try:
             return grid, next(batches), batches
         except NumericalError:
-            if slots >= stepper.grid.slots:
+            if slots >= driver.grid.slots:
                 raise
         slots *= 2
 
 
-def _advance(stepper: Stepper, grid: Grid, x: Array, mu: Array,
+def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
              steps: int) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,)."""
-    barrier = stepper.build_barrier(grid, x, mu)
-    stepper.advance(barrier, steps, min(mu.min(), COARSE_MU))
-    stepper.try_best(barrier)
-    return barrier.x, barrier.rates()
+    solver = driver.build_solver(grid, x, mu)
+    driver.advance(solver, steps, min(mu.min(), COARSE_MU))
+    driver.try_best(solver)
+    return solver.x, solver.rates()
 
 
-def _polish(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
+def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
     with suppress(*_FAILURES):
         for share in POLISH_MUS:
             mu = np.maximum(share * rates, FINAL_MU)
-            new_x, new_rates = _advance(stepper, grid, x, mu, POLISH_STEPS)
+            new_x, new_rates = _advance(driver, grid, x, mu, POLISH_STEPS)
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
     return x, rates
@@ -165,9 +167,9 @@ def _polish(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Array
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
     """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
     with suppress(*_FAILURES):
-        stepper = Stepper(baseline)
-        improve_powers(stepper, np.log(2) * (
-            (1 - CLOSE) * incumbent.rate / stepper.grid.rate - CLOSE))
+        driver = SolverDriver(baseline)
+        improve_powers(driver, np.log(2) * (
+            (1 - CLOSE) * incumbent.rate / driver.grid.rate - CLOSE))
         baseline.try_idle_slots()
     incumbent.try_improve(baseline.positions, baseline.powers)
 

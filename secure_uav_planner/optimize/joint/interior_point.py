@@ -33,7 +33,7 @@ Discs: TypeAlias = dict[str, NDArray[Any]]
 """The discs of eavesdroppers at places, by the names of core.pyi."""
 
 
-class Barrier:
+class InteriorPointSolver:
     """
     Newton's method on the barrier function of `kernel/newton.cpp`, from strictly feasible starts.
 
@@ -108,14 +108,14 @@ class Optima(NamedTuple):
     x: Array
 
 
-class Stepper:
+class SolverDriver:
     """
-    Steps of Barriers that all parts of the method take for one Incumbent.
+    Steps of InteriorPointSolvers that all parts of the method take for one Incumbent.
 
     Every step is reported to the incumbent, and raises as Deadline.check does.
 
     :ivar grid: the full grid, of the scenario's own slots.
-    :ivar lead: of the links, see make_links.
+    :ivar elevation_offset: of the links, see make_links.
     :ivar prices: of energy in nats per J, (U,), or None.
     :ivar optima: those of a multistart that are near the best, once there are several.
     """
@@ -124,7 +124,7 @@ class Stepper:
         self.incumbent = incumbent
         self.check = incumbent.deadline.check
         self.grid = incumbent.problem.grid
-        self.lead = 0.0
+        self.elevation_offset = 0.0
         self.prices: Array | None = None
         self.optima: Optima | None = None
 
@@ -134,19 +134,20 @@ class Stepper:
             return 0.0
         return float(self.prices @ measure_energies(grid.scenario, grid.positions(x))) / grid.slots
 
-    def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
-        """Return a Barrier that stops when the method must end."""
-        return Barrier(grid, x, mu, self.check, Receivers.of(grid, self.lead),
-                       prices=self.prices)
+    def build_solver(self, grid: Grid, x: Array, mu: float | Array) -> InteriorPointSolver:
+        """Return an InteriorPointSolver that stops when the method must end."""
+        return InteriorPointSolver(grid, x, mu, self.check,
+                                   Receivers.of(grid, self.elevation_offset), prices=self.prices)
 
-    def advance(self, barrier: Barrier, steps: int, mu: float) -> None:
+    def advance(self, solver: InteriorPointSolver, steps: int, mu: float) -> None:
         """Take a number of steps from every start."""
         while steps > 0:
-            steps -= self.step(barrier, mu, steps)
+            steps -= self.step(solver, mu, steps)
 
-    def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
+    def refine_to_full_grid(self, coarse: Grid, x: Array,
+                            mu: float | Array) -> InteriorPointSolver:
         """
-        Return a Barrier of starts (S, N, U, 3) on the full grid, refined through grids in between.
+        Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
         :param mu: the barrier parameter that they have on the coarse grid, for all or for each.
         """
@@ -154,7 +155,7 @@ class Stepper:
         grid, mu = coarse, np.full(len(x), 1.0) * mu
         while grid.slots < full:
             if grid is not coarse:
-                middle = self.build_barrier(grid, x, mu)
+                middle = self.build_solver(grid, x, mu)
                 for _ in range(MOST_STEPS):
                     self.step(middle, _MIDDLE_MU)
                     if middle.finished.all():
@@ -170,20 +171,20 @@ class Stepper:
             x = np.array([start for start in refined if start is not None])
             if grid.scenario.limits_acceleration or not grid.airspace.is_open:
                 mu = np.maximum(mu, REFINED_MU)
-        return self.build_barrier(grid, x, mu)
+        return self.build_solver(grid, x, mu)
 
-    def finish(self, barrier: Barrier) -> Status:
+    def finish(self, solver: InteriorPointSolver) -> Status:
         """Converge on the full grid; return the status."""
         for step in range(1, MOST_STEPS + 1):
-            self.step(barrier, FINAL_MU, try_finished=True)
-            if barrier.finished.all():
+            self.step(solver, FINAL_MU, try_finished=True)
+            if solver.finished.all():
                 return 'converged'
             if step % TRY_EVERY == 0:
-                self.try_best(barrier)
-        self.try_best(barrier)
+                self.try_best(solver)
+        self.try_best(solver)
         return 'iteration_limit'
 
-    def step(self, barrier: Barrier, mu: float, steps: int = 1,
+    def step(self, solver: InteriorPointSolver, mu: float, steps: int = 1,
              try_finished: bool = False) -> int:
         """
         Take up to `steps` steps together, report them, and raise as Deadline.check does.
@@ -191,25 +192,25 @@ class Stepper:
         :param try_finished: whether to propose finished starts before the step is reported.
         :return: the number of steps.
         """
-        before = barrier.solver_time
+        before = solver.solver_time
         try:
-            taken = barrier.advance(steps, mu)
+            taken = solver.advance(steps, mu)
         except (StoppedError, TimeLimitError):
-            self.try_best(barrier)
+            self.try_best(solver)
             raise
-        self.incumbent.solver_time += barrier.solver_time - before
-        if self.incumbent.deadline.is_over() or try_finished and barrier.finished.all():
-            self.try_best(barrier)
+        self.incumbent.solver_time += solver.solver_time - before
+        if self.incumbent.deadline.is_over() or try_finished and solver.finished.all():
+            self.try_best(solver)
         for _ in range(taken):
             self.incumbent.report('joint')
             self.check()
         return taken
 
-    def try_best(self, barrier: Barrier) -> None:
-        """Propose the best start of a Barrier to the incumbent, on the full grid."""
-        x = barrier.x[barrier.rates().argmax()]
-        if barrier.grid.slots != self.grid.slots:
-            x = barrier.grid.refine(x, self.grid.slots)
+    def try_best(self, solver: InteriorPointSolver) -> None:
+        """Propose the best start of an InteriorPointSolver to the incumbent, on the full grid."""
+        x = solver.x[solver.rates().argmax()]
+        if solver.grid.slots != self.grid.slots:
+            x = solver.grid.refine(x, self.grid.slots)
         self.try_variables(x)
 
     def try_variables(self, x: Array) -> None:
