@@ -49,7 +49,7 @@ class Bench:
     def lag(self):
         """Delay of the flight against the stamps of its plan in s."""
         start_ns = self.player.playback.plan.start_ns
-        return (self.now - start_ns) * 1e-9 - self.player.time
+        return (self.now - start_ns) * 1e-9 - self.player.flight.time
 
 
 def start_flight(plan, seconds, released=0.0):
@@ -76,7 +76,7 @@ def test_a_plan_released_early_waits_at_its_start_and_begins_at_its_time(plan):
     bench.run(30.0)
     assert bench.lag == pytest.approx(0.0, abs=1e-6)
     assert bench.sent[-1][1].positions == pytest.approx(
-        Playback(plan).at(bench.player.time).positions)
+        Playback(plan).at(bench.player.flight.time).positions)
 
 
 def test_a_plan_released_late_is_flown_as_a_whole_with_a_delay(plan):
@@ -96,15 +96,15 @@ def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
     bench = start_flight(plan, 30.0)
     assert bench.player.pause()
     held = bench.run(15.0)
-    assert not held.velocities.any() and bench.player.rate == 0.0
-    assert held.positions == pytest.approx(Playback(plan).at(bench.player.time).positions)
+    assert not held.velocities.any() and bench.player.flight.rate == 0.0
+    assert held.positions == pytest.approx(Playback(plan).at(bench.player.flight.time).positions)
     # The powers of the plan are for receivers at its time, which has passed.
-    assert not held.powers.any() and Playback(plan).at(bench.player.time).powers.any()
+    assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
     assert not bench.player.pause()
     bench.player.start()
     flown = bench.run(10.0)
-    assert bench.player.rate == 1.0 and 14.99 < bench.lag < 25.0
-    assert np.array_equal(flown.powers, Playback(plan).at(bench.player.time).powers)
+    assert bench.player.flight.rate == 1.0 and 14.99 < bench.lag < 25.0
+    assert np.array_equal(flown.powers, Playback(plan).at(bench.player.flight.time).powers)
 
 
 @pytest.mark.parametrize('slots', [200, 20000])
@@ -139,7 +139,7 @@ def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late():
     scenario = with_uavs(Scenario.paper(130.0, slots=65), max_acceleration=2.0)
     plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
     bench = start_flight(plan, 30.0)
-    then = bench.player.time + 0.2
+    then = bench.player.flight.time + 0.2
     motion = bench.player.playback.curve.at([then])
     uavs = [start_from_state(uav, tuple(place), tuple(velocity), scenario.slot_duration)
             for uav, place, velocity in zip(
@@ -170,30 +170,30 @@ def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
     assert not bench.player.streaming
     bench.player.start()
     unknown = [None, None]
-    waits = bench.player.not_at_start(unknown, 5.0, 1.0)
+    waits = bench.player.unmet_conditions(unknown, 5.0, 1.0)
     assert len(waits) == 2 and 'uav1 to reach its start, another' in waits[0]
     # A jump of the clock does not count as time to fly.
     bench.now += 60 * SECOND
     bench.run(STEP, is_ready=False)
-    assert len(bench.player.not_at_start(unknown, 5.0, 1.0)) == 2
+    assert len(bench.player.unmet_conditions(unknown, 5.0, 1.0)) == 2
     bench.run(60.0, is_ready=False)
-    assert not bench.player.not_at_start(unknown, 5.0, 1.0)
+    assert not bench.player.unmet_conditions(unknown, 5.0, 1.0)
     # Measured places count instead of times.
     places = [(*uav.start, uav.altitude) for uav in plan.scenario.uavs]
-    assert not bench.player.not_at_start(places, 5.0, 1.0)
+    assert not bench.player.unmet_conditions(places, 5.0, 1.0)
     for x, distance in ((0.0, '509.9'), (math.nan, 'nan')):
         places[1] = (x, 0.0, 110.0)
-        assert bench.player.not_at_start(places, 5.0, 1.0) == [
+        assert bench.player.unmet_conditions(places, 5.0, 1.0) == [
             f'uav2 to be at its start, {distance} m away']
 
 
 def plan_continuation(bench, plan, ahead, start_ns=None, **fields):
     """Return a plan that continues the setpoints some seconds ahead."""
     player, slot = bench.player, plan.scenario.slot_duration
-    moment = player.playback.at(player.time + player.rate * ahead)
+    moment = player.playback.at(player.flight.time + player.flight.rate * ahead)
     uavs = tuple(
         replace(start_from_state(uav, tuple(at.tolist()),
-                                 tuple((velocity * player.rate).tolist()), slot), **fields)
+                                 tuple((velocity * player.flight.rate).tolist()), slot), **fields)
         for uav, at, velocity in zip(
             plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
     next_plan = fly_hover_fly(replace(plan.scenario, uavs=uavs))
@@ -242,7 +242,7 @@ def test_at_a_hold_a_plan_from_elsewhere_is_refused_and_a_continuation_is_adopte
     bench.run(15.0)
     bench.player.load(replace(fly_hover_fly(plan.scenario), start_ns=bench.now + SECOND))
     assert len(bench.refused) == 1 and 'm from the last one' in bench.refused[0]
-    assert bench.player.playback.plan is plan and bench.player.rate == 0.0
+    assert bench.player.playback.plan is plan and bench.player.flight.rate == 0.0
     # A plan from the hold is played, once it is released.
     next_plan = plan_continuation(bench, plan, 1.0)
     bench.player.load(next_plan)
@@ -250,14 +250,14 @@ def test_at_a_hold_a_plan_from_elsewhere_is_refused_and_a_continuation_is_adopte
     assert not bench.run(5.0).velocities.any()
     bench.player.start()
     bench.run(5.0)
-    assert bench.player.time > next_plan.scenario.slot_duration and len(bench.refused) == 1
+    assert bench.player.flight.time > next_plan.scenario.slot_duration and len(bench.refused) == 1
 
 
 def test_a_pause_before_the_end_holds_a_pending_plan(plan):
     bench = start_flight(plan, 25.0)
     home = plan_return(plan)
     bench.player.load(home)
-    while bench.player.time < bench.player.playback.duration - 0.5:
+    while bench.player.flight.time < bench.player.playback.duration - 0.5:
         bench.run(STEP)
     bench.player.pause()
     assert not bench.run(60.0).velocities.any() and not bench.player.playing
@@ -383,7 +383,7 @@ class AnyOrder(RuleBasedStateMachine):
                     assert math.dist(moment.velocities[index], self.last.velocities[index]) <= (
                         uav.max_acceleration * scale**2 * self.since + 2e-3)
         # A lower playback speed is reached by and by.
-        rate = self.player.rate
+        rate = self.player.flight.rate
         assert rate <= max(self.speed, self.rate) + 1e-9
         self.last, self.since, self.rate = moment, 0.0, rate
         self.fastest = max(self.speed, rate)
@@ -393,7 +393,7 @@ class AnyOrder(RuleBasedStateMachine):
         for _ in range(count):
             self.bench.now += round(seconds * SECOND)
             ready = not self.player.playing or self.player.playback is None or (
-                not self.player.not_at_start([None, None], 5.0, self.speed))
+                not self.player.unmet_conditions([None, None], 5.0, self.speed))
             self.observe(self.player.tick(self.bench.now, self.speed, is_ready=ready), seconds)
 
     @rule(seconds=st.floats(-100.0, 100.0))
@@ -404,7 +404,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(speed=st.sampled_from([0.5, 1.0, 1.0, 1.0, 3.0]))
     def play_at(self, speed):
-        self.fastest = max(speed, getattr(self, 'fastest', 1.0), self.player.rate)
+        flight = self.player.flight
+        self.fastest = max(speed, getattr(self, 'fastest', 1.0), flight.rate if flight else 0.0)
         self.speed = speed
 
     @rule()
@@ -439,7 +440,7 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(ahead=st.floats(-10.0, 20.0), x=st.floats(100.0, 300.0))
     def load_a_revision(self, ahead, x):
         plan = self.player.playback.plan
-        point = math.ceil((self.player.time + ahead) / plan.scenario.slot_duration)
+        point = math.ceil((self.player.flight.time + ahead) / plan.scenario.slot_duration)
         try:
             tail = plan.tail(min(max(point, 0), plan.scenario.slots - 1))
             new_tail = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
@@ -451,7 +452,7 @@ class AnyOrder(RuleBasedStateMachine):
     @invariant()
     def time_is_within_the_plan(self):
         playback = self.player.playback
-        assert playback is None or playback.begin <= self.player.time <= playback.duration
+        assert playback is None or playback.begin <= self.player.flight.time <= playback.duration
 
 
 TestAnyOrder = AnyOrder.TestCase

@@ -10,7 +10,7 @@ jump.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from .plan import Plan
 from .playback import Moment, Playback
+from .rate_limit import RateLimit, VELOCITY_JUMP
 from ..errors import OptionError, quote
-from ..mission.scenario import Array
 from ..model.curve import GAUSS_LEGENDRE
 
 Place = tuple[float, float, float]
@@ -27,12 +27,86 @@ Place = tuple[float, float, float]
 POSITION_JUMP = 0.01
 """Tolerance of the distance between setpoints in m, beyond max_speed times the time between."""
 
-VELOCITY_JUMP = 1e-3
-"""Tolerance of the change of velocity in m/s, beyond the acceleration limit; for rounding."""
-
-_BRAKING_STEP = 0.05  # s
-_MOST_BRAKING_STEPS = 200  # About 15 ms.
 _END_TOLERANCE = 1e-3  # s
+
+
+@dataclass(frozen=True)
+class Flight:
+    """
+    A state of the flight of a plan.
+
+    :param limit: of the rate of the plan's time.
+    :param time: in s from point 0.
+    :param rate: the present rate of that time.
+    """
+
+    limit: RateLimit
+    time: float
+    rate: float
+
+    @property
+    def playback(self) -> Playback:
+        """Playback of the plan."""
+        return self.limit.playback
+
+    @property
+    def moment(self) -> Moment:
+        """
+        Setpoints now: velocities of the plan times the rate, accelerations times its square.
+
+        At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own
+        time.
+        """
+        moment = self.playback.at(self.time)
+        return replace(moment, velocities=moment.velocities * self.rate,
+                       accelerations=moment.accelerations * self.rate**2,
+                       powers=moment.powers if self.rate else np.zeros_like(moment.powers))
+
+    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None
+                ) -> 'Flight':
+        """Return the state elapsed s later, at a rate as near to the target as is allowed."""
+        if elapsed == 0.0:
+            return self
+        rate = target if last is None else self.limit.approach(
+            target, self.time, self.rate, last.velocities, elapsed)
+        return _flight_at(self.limit, self.time + rate * elapsed, rate)
+
+
+class Waiting(Flight):
+    """The UAVs are at the start of the plan, whose time does not begin before its stamp."""
+
+    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None) -> Flight:
+        """Return the state elapsed s later, of which those after the stamp count."""
+        due = self.playback.begin_ns
+        if due is not None:
+            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
+        return super().advance(now_ns, elapsed, target, last)
+
+
+class Flying(Flight):
+    """The time of the plan advances."""
+
+
+class Held(Flight):
+    """The time of the plan stands on the way."""
+
+
+class Ended(Flight):
+    """The UAVs are at the end of the plan."""
+
+    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None) -> Flight:
+        """Return the same state: the next one is that of another plan."""
+        return self
+
+
+def _flight_at(limit: RateLimit, time: float, rate: float) -> Flight:
+    """Return the state of a flight at a time of its plan with a rate."""
+    begin, duration = limit.playback.begin, limit.playback.duration
+    if time > duration - _END_TOLERANCE:
+        return Ended(limit, duration, 0.0)
+    if rate:
+        return Flying(limit, time, rate)
+    return Held(limit, time, 0.0) if time > begin else Waiting(limit, begin, 0.0)
 
 
 class Player:
@@ -40,28 +114,38 @@ class Player:
     Plays plans one after another.
 
     :param refuse: called with the reason when a plan is refused.
-    :ivar playback: the Playback that flies or waits at its start, or None before any plan.
-    :ivar time: in s from point 0 of that plan.
-    :ivar rate: the present rate of that time.
+    :ivar flight: its state, or None before any plan.
     :ivar playing: whether the time is to advance: from a start until a pause, a reset or the end.
-    :ivar streaming: whether there are setpoints to send: from the first one until a reset.
     :ivar delivered: secret information so far, bit/Hz.
     :ivar largest_jump: largest distance in m between consecutive setpoints, beyond max_speed times
         the plan's time between them.
     """
 
     def __init__(self, refuse: Callable[[str], None] = lambda reason: None) -> None:
-        self.playback: Playback | None = None
-        self.time = self.rate = self.delivered = self.largest_jump = 0.0
-        self.playing = self.streaming = False
-        self._on_refusal, self._refusal = refuse, ''  # Of the last plan, if it was refused.
-        self._latest: Playback | None = None  # The plan to which a reset returns.
+        self.flight: Flight | None = None
+        self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
+        self._last: Moment | None = None  # Setpoints.
+        self._silence: float | None = 0.0  # s since the stream ended; None while there is one.
         self._pending: tuple[Playback, float] | None = None  # With the time of its splice in s.
+        self._latest: Playback | None = None  # The plan to which a reset returns.
+        self._on_refusal, self._refusal = refuse, ''  # Of that plan, if it was refused.
         self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one is played.
         self._last_tick_ns: int | None = None
-        self._last_setpoint: Moment | None = None
-        self._seconds_since_stream_end = 0.0
-        self._braking_rates: tuple[Playback, float, Array, Array] | None = None
+
+    @property
+    def playback(self) -> Playback | None:
+        """Playback of the plan that flies or waits at its start, or None before any plan."""
+        return None if self.flight is None else self.flight.playback
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of the plan has been reached."""
+        return isinstance(self.flight, Ended)
+
+    @property
+    def streaming(self) -> bool:
+        """Whether there are setpoints to send: from the first one until a reset."""
+        return self._silence is None
 
     # Plans
 
@@ -74,28 +158,25 @@ class Player:
         pending until the present plan reaches the time at which the new one begins, or its end.
         A pause and another speed delay both flights alike.
         """
-        new, current = Playback(plan), self.playback
-        if current is not None and plan.identity == current.plan.identity:
+        new, flight = Playback(plan), self.flight
+        current = None if flight is None else flight.playback.plan
+        if current is not None and plan.identity == current.identity:
             return False  # Published again, for example by a planner that has been restarted.
-        if current is not None and (problem := _explain_team(plan, current.plan)):
+        if current is not None and (problem := _explain_team(plan, current)):
             self.refuse(problem)
             return False
-        is_revision = current is not None and plan.start_ns == current.plan.start_ns
+        is_revision = current is not None and plan.start_ns == current.start_ns
         if plan.start_ns is not None and plan.start_ns <= self._flown_ns and not is_revision:
             self.refuse('it begins no later than a plan that has been flown')
             return False
         self._latest, self._refusal = new, ''
-        if current is None or not self.streaming:
+        if flight is None or not self.streaming:
             self._wait_at_start(new)
         elif is_revision:
-            jump = 'that plan has ended' if self.ended else self._explain_jump(new, self.time, 0.0)
-            if jump:
-                self.refuse(f'it comes too late for the flight that it changes: {jump}')
-            else:
-                self.playback = new
+            self._revise(_flight_at(RateLimit(new), flight.time, flight.rate))
         else:
             ahead = ((new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
-            self._pending = new, self.time + self.rate * max(0.0, ahead)
+            self._pending = new, flight.time + flight.rate * max(0.0, ahead)
             self._splice(0.0, f'it came {-ahead:.2f} s too late: ' if ahead < 0 else '')
         return not self._refusal
 
@@ -105,53 +186,61 @@ class Player:
         self._on_refusal(reason)
 
     def _wait_at_start(self, playback: Playback) -> None:
-        self.playback, self._pending = playback, None
-        self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
+        self._adopt(_flight_at(RateLimit(playback), playback.begin, 0.0))
+
+    def _adopt(self, flight: Flight) -> None:
+        """Begin with the flight of another plan."""
+        self.flight, self._pending = flight, None
+        self.delivered = self.largest_jump = 0.0
+
+    def _revise(self, revised: Flight) -> None:
+        """Go on with a revision of the flight, or refuse it."""
+        jump = 'that plan has ended' if self.ended else self._explain_jump(revised, 0.0)
+        if jump:
+            self.refuse(f'it comes too late for the flight that it changes: {jump}')
+        else:
+            self.flight = revised
 
     def _splice(self, elapsed: float, lateness: str = '') -> bool:
         """Supersede the plan by the pending one if its time has come and nothing jumps."""
-        if self._pending is None:
+        if self._pending is None or self.flight is None:
             return False
-        (new, splice_time), rate = self._pending, self.rate
-        since = self.time + rate * elapsed - splice_time
+        (new, splice_time), rate = self._pending, self.flight.rate
+        since = self.flight.time + rate * elapsed - splice_time
         if since < 0.0 and not self.ended:
             return False
-        self._pending, time = None, new.begin + (rate and since)
-        jump = self._explain_jump(new, time, rate and elapsed)
+        self._pending = None
+        flight = _flight_at(RateLimit(new), new.begin + since if rate else new.begin, rate)
+        jump = self._explain_jump(flight, elapsed if rate else 0.0)
         if jump:
             self.playing = self.playing and not self.ended
-            self.refuse(f'{lateness}{jump}; ~/plan makes another one')
+            self.refuse(f'{lateness}{jump}; call ~/plan again')
             return False
-        self._wait_at_start(new)
-        self.time, self.rate = time, rate
+        self._adopt(flight)
         return True
 
-    def _explain_jump(self, new: Playback, time: float, elapsed: float) -> str:
-        """Describe the jump of setpoints to a plan at a time; empty if there is none."""
-        last, moment = self._last_setpoint, _to_clock_time(new, time, self.rate)
-        if last is None or self.playback is None:
+    def _explain_jump(self, new: Flight, elapsed: float) -> str:
+        """Describe the jump of the setpoints to a flight; empty if there is none."""
+        last, current = self._last, self.flight
+        if last is None or current is None:
             return ''
-        altitudes, scale = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
-        for index, uav in enumerate(new.plan.scenario.uavs):
+        moment, altitudes = new.moment, current.playback.plan.scenario.altitudes
+        scale = max(1.0, current.rate)
+        for index, uav in enumerate(new.playback.plan.scenario.uavs):
             distance = math.dist((*moment.positions[index], uav.altitude),
                                  (*last.positions[index], altitudes[index]))
             most = uav.max_speed * scale * elapsed + POSITION_JUMP
             if distance > most or abs(uav.altitude - altitudes[index]) > POSITION_JUMP:
-                return (f'its setpoint of {uav.name} would be {distance:.3g} m from the last one, '
-                        f'and at most {most:.3g} m is no jump')
+                return (f'its setpoint of {uav.name} would be {distance:.3g} m from the last one; '
+                        f'the limit is {most:.3g} m')
             change = math.dist(moment.velocities[index], last.velocities[index])
             most = (uav.max_acceleration or math.inf) * scale**2 * elapsed + VELOCITY_JUMP
             if uav.max_acceleration is not None and change > most:
                 return (f'its velocity of {uav.name} would differ by {change:.3g} m/s from the '
-                        f'last one, and at most {most:.3g} m/s is no jump')
+                        f'last one; the limit is {most:.3g} m/s')
         return ''
 
     # Commands
-
-    @property
-    def ended(self) -> bool:
-        """Whether the end of the plan has been reached."""
-        return self.playback is not None and self.time >= self.playback.duration
 
     def start(self) -> None:
         """
@@ -176,12 +265,12 @@ class Player:
         """End the stream of setpoints; the latest plan waits at its start."""
         self.playing = False
         if self.streaming:
-            self.streaming, self._seconds_since_stream_end = False, 0.0
+            self._silence = 0.0
         if self._latest is not None:
             self._wait_at_start(self._latest)
 
-    def not_at_start(self, places: Sequence[Place | None], tolerance: float, speed: float
-                     ) -> list[str]:
+    def unmet_conditions(self, places: Sequence[Place | None], tolerance: float, speed: float
+                         ) -> list[str]:
         """
         Describe the UAVs that cannot be at the start of the plan, and their distances or times.
 
@@ -191,21 +280,21 @@ class Player:
         """
         assert self.playback is not None
         starts, scale = self.playback.at(self.playback.begin).positions, max(1.0, speed)
-        last, waits = self._last_setpoint, []
+        last, unmet = self._last, []
         for index, (uav, place) in enumerate(
                 zip(self.playback.plan.scenario.uavs, places, strict=True)):
             if place is not None:
                 distance = math.dist(place, (*starts[index], uav.altitude))
                 if not distance <= tolerance:
-                    waits.append(f'{uav.name} to be at its start, {distance:.1f} m away')
-            elif last is not None and not self.streaming:
+                    unmet.append(f'{uav.name} to be at its start, {distance:.1f} m away')
+            elif last is not None and self._silence is not None:
                 needed = math.dist(last.positions[index], starts[index]) / uav.max_speed
                 needed += math.hypot(*last.velocities[index]) / scale / (
                     uav.max_acceleration or math.inf)
-                left = needed / scale - self._seconds_since_stream_end
+                left = needed / scale - self._silence
                 if left > 0:
-                    waits.append(f'{uav.name} to reach its start, another {left:.1f} s')
-        return waits
+                    unmet.append(f'{uav.name} to reach its start, another {left:.1f} s')
+        return unmet
 
     # Time
 
@@ -226,24 +315,24 @@ class Player:
         if elapsed < 0.0:
             self._flown_ns = -1  # After a jump back, new plans have older stamps.
         elapsed, self._last_tick_ns = min(max(0.0, elapsed), longest), now_ns
-        if not self.streaming:
+        if self._silence is not None:
             # The first setpoint is the start itself.
-            self._seconds_since_stream_end, elapsed = self._seconds_since_stream_end + elapsed, 0.0
-            if self.playback is None or not (self.playing and is_ready):
+            self._silence, elapsed = self._silence + elapsed, 0.0
+            if self.flight is None or not (self.playing and is_ready):
                 return None
-            self.streaming, self._last_setpoint = True, None
-        last_rate, advance, last = self.rate, self.rate * elapsed, self._last_setpoint
+            self._silence = self._last = None
+        before, last = self.flight, self._last
+        assert before is not None
+        advance = before.rate * elapsed
         if not self._splice(elapsed):
-            begin = self.time
-            self._advance(now_ns, elapsed, speed)
-            advance = self.time - begin
-            assert self.playback is not None
-            self.delivered += _integrate_rates(self.playback, begin, self.time, eavesdropper)
-        assert self.playback is not None
-        moment = self._last_setpoint = _to_clock_time(self.playback, self.time, self.rate)
+            self.flight = before.advance(now_ns, elapsed, speed if self.playing else 0.0, last)
+            advance = self.flight.time - before.time
+            self._note_advance(before, eavesdropper)
+        assert self.flight is not None
+        moment = self._last = self.flight.moment
         if last is not None:
-            scenario = self.playback.plan.scenario
-            if self.rate != last_rate and scenario.limits_acceleration:
+            scenario = self.flight.playback.plan.scenario
+            if self.flight.rate != before.rate and scenario.limits_acceleration:
                 # A change of the rate accelerates UAVs beyond the plan's own acceleration.
                 moment.accelerations[:] = (moment.velocities - last.velocities) / elapsed
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
@@ -251,101 +340,24 @@ class Player:
                 self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
         return moment
 
-    def _advance(self, now_ns: int, elapsed: float, speed: float) -> None:
-        """Advance the plan's time; it does not begin before its stamp, and stops at its end."""
-        playback = self.playback
-        assert playback is not None
-        due = playback.begin_ns
-        if not self.rate and self.time <= playback.begin and due is not None:
-            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
-        if elapsed == 0.0:
-            return
-        self.rate = self._limit_rate(playback, speed if self.playing else 0.0, elapsed)
-        self.time += self.rate * elapsed
-        self._flown_ns = -1 if playback.plan.start_ns is None else playback.plan.start_ns
-        if self.time > playback.duration - _END_TOLERANCE:
-            self.time = playback.duration
+    def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None) -> None:
+        """Note what has been flown and delivered since a state of the same flight."""
+        flight = self.flight
+        assert flight is not None
+        if flight.time > before.time:
+            start_ns = flight.playback.plan.start_ns
+            self._flown_ns = -1 if start_ns is None else start_ns
+        if self.ended and not isinstance(before, Ended):
             # A pending plan begins without another start.
-            self.rate, self.playing = 0.0, self.playing and self._pending is not None
-
-    def _limit_rate(self, playback: Playback, target: float, elapsed: float) -> float:
-        """Return the rate nearest to a target that keeps all acceleration limits."""
-        scenario = playback.plan.scenario
-        if not scenario.limits_acceleration or self._last_setpoint is None:
-            return target
-        most = max(target, self.rate)
-        braking = self._braking_rates
-        if braking is None or braking[0] is not playback or braking[1] < most:
-            braking = self._braking_rates = (
-                playback, most, *_compute_braking_rates(playback, most))
-        times, rates = braking[2:]
-        if len(times):
-            target = min(target, float(np.interp(
-                self.time + self.rate * elapsed, times, rates, left=target)))
-        most_change = 1e-9 + (
-            scenario.max_accelerations * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9))
-        last = self._last_setpoint.velocities
-
-        def is_allowed(rate: float) -> bool:
-            velocities = playback.at(self.time + rate * elapsed).velocities * rate
-            change = np.linalg.norm(velocities - last, axis=-1)
-            return bool((change <= most_change).all())
-
-        if is_allowed(target):
-            return target
-        # The present rate keeps them, since the plan does.
-        allowed, rejected = self.rate, target
-        for _ in range(20):
-            middle = (allowed + rejected) / 2
-            allowed, rejected = (
-                (middle, rejected) if is_allowed(middle) else (allowed, middle))
-        return allowed
+            self.playing = self.playing and self._pending is not None
+        self.delivered += _integrate_rates(
+            flight.playback, before.time, flight.time, eavesdropper)
 
 
 def _explain_team(plan: Plan, current: Plan) -> str:
     """Describe how the UAVs of a plan differ from those of another one; empty if they do not."""
     names, team = ([uav.name for uav in flown.scenario.uavs] for flown in (plan, current))
     return '' if names == team else f'it is for {quote(names)}, and {quote(team)} fly'
-
-
-def _to_clock_time(playback: Playback, time: float, rate: float) -> Moment:
-    """
-    Scale the velocities at a time of the plan by its rate, and accelerations by its square.
-
-    At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own time.
-    """
-    moment = playback.at(time)
-    return replace(moment, velocities=moment.velocities * rate,
-                   accelerations=moment.accelerations * rate**2,
-                   powers=moment.powers if rate else np.zeros_like(moment.powers))
-
-
-def _compute_braking_rates(playback: Playback, most: float) -> tuple[Array, Array]:
-    """
-    Return the largest rates from which the flight can stop at a goal that it passes at speed.
-
-    They are integrated backwards from the end, where the rate is 0.
-
-    :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
-    """
-    limits = playback.plan.scenario.max_accelerations
-    speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)
-    if (speeds < VELOCITY_JUMP).all():
-        return np.empty(0), np.empty(0)
-    step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
-               float((speeds / limits).max()) / _MOST_BRAKING_STEPS)
-    times, squares, slowing = [playback.duration], [0.0], 1.0
-    while squares[-1] < most**2 and slowing > 0 and times[-1] > playback.begin:
-        moment, square = playback.at(times[-1]), squares[-1]
-        velocity, bend = moment.velocities, square * moment.accelerations
-        allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
-        # The largest d with |bend - d velocity| <= allowed for every UAV.
-        along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
-        root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)
-        slowing = float(((along + np.sqrt(np.maximum(root, 0.0))) / speed).min())
-        times.append(times[-1] - step)
-        squares.append(square + 2 * step * max(0.0, slowing))
-    return np.array(times[::-1]), np.sqrt(squares[::-1])
 
 
 def _integrate_rates(playback: Playback, begin: float, end: float,
