@@ -239,7 +239,7 @@ def test_a_start_waits_for_the_rest_of_a_plan_however_late_that_comes(client, pl
             return 'waits for the rest of the plan' in client.call('replay/start').message
 
         wait_for(waits)
-        wait_for_line(process, 'nothing new has come on')
+        wait_for_line(process, 'no new message on')
         send(client, plan, 10**18)
         wait_for(lambda: poses, what='the flight')
 
@@ -370,7 +370,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         def refusals():
             # On a busy machine, messages may have to wait for each other.
             return [line for line in process.lines
-                    if 'not used' in line and 'nothing new has come' not in line]
+                    if 'not used' in line and 'no new message' not in line]
 
         send(client, plan, 10**18, keep)
         wait_for_line(process, 'got a plan')
@@ -405,7 +405,7 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
         for slot in range(len(lone.data)):
             lone.data[slot] = 3.21
         client.publisher(type(lone), 'uav1/power', LATCHED).publish(lone)
-        wait_for(lambda: any('nothing new has come on uav1/path, uav2/path, uav2/power' in line
+        wait_for(lambda: any('no new message on uav1/path, uav2/path, uav2/power' in line
                              for line in process.lines), what='the reason')
         assert client.call('replay/start').success
         wait_for(lambda: end_of(process))
@@ -429,9 +429,9 @@ def test_messages_of_two_plans_of_one_flight_never_make_a_plan_together(client, 
                     client.publisher(type(message), topic, LATCHED).publish(message)
 
         send_parts(first, 'path', 'trajectory')
-        wait_for_line(process, 'nothing new has come on uav1/power, uav2/power')
+        wait_for_line(process, 'no new message on uav1/power, uav2/power')
         send_parts(second, 'power')
-        wait_for_line(process, 'nothing new has come on uav1/path, uav1/trajectory, uav2/path')
+        wait_for_line(process, 'no new message on uav1/path, uav1/trajectory, uav2/path')
         assert not got(process)
         send_parts(second, 'path', 'trajectory')
         wait_for(lambda: times and read_plan_time(times[-1])[0] == second.identity)
@@ -543,7 +543,7 @@ def test_trajectories_of_another_planner_may_come_in_any_order_and_are_waited_fo
         wait_for(lambda: got(process) == 1)
         # The replay knows now that somebody publishes trajectories, and misses them.
         send(client, smooth, 11 * 10**17, keep)
-        wait_for_line(process, 'nothing new has come on uav1/trajectory, uav2/trajectory')
+        wait_for_line(process, 'no new message on uav1/trajectory, uav2/trajectory')
         assert got(process) == 1
         send(client, smooth, 11 * 10**17, topics=('trajectory',))
         wait_for(lambda: got(process) == 2)

@@ -66,7 +66,7 @@ class Assembly:
     @property
     def problem(self) -> str:
         """Reason why the last message does not make a plan yet, or an empty string."""
-        return f'nothing new has come on {", ".join(self.missing)}' if self.missing else ''
+        return f'no new message on {", ".join(self.missing)}' if self.missing else ''
 
     def plan(self, **fields: Any) -> tuple[Plan, str]:
         """

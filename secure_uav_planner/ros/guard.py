@@ -6,7 +6,7 @@ import math
 from ..errors import OptionError
 from ..output.autopilots import Setpoint, Vector
 
-_PATIENCE = 0.25
+_HOLD_DELAY = 0.25
 """
 Time in s without a setpoint after which the last place is held.
 
@@ -82,7 +82,7 @@ class Guard:
 
     def hold(self, now: int) -> Setpoint | None:
         """Return the last setpoint without motion, if none has passed for a moment."""
-        if self._last is None or _within(self._last_passed, now, _PATIENCE):
+        if self._last is None or _within(self._last_passed, now, _HOLD_DELAY):
             return None
         return self._last.hold()
 
@@ -106,7 +106,7 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
     """Raise an OptionError for a velocity or an acceleration beyond the limits."""
     # Until the place is held, neither must lead farther than a jump.
     speed = math.hypot(*setpoint.velocity or ())
-    most = limits.max_speed + limits.max_jump / _PATIENCE
+    most = limits.max_speed + limits.max_jump / _HOLD_DELAY
     if speed > most:
         raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
                           f'{most:.1f} m/s')
@@ -114,7 +114,7 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
     if limits.max_acceleration:
         name, most = 'max_acceleration allows', limits.max_acceleration + _ROUNDING
     else:
-        name, most = 'max_jump allows', 2 * limits.max_jump / _PATIENCE**2
+        name, most = 'max_jump allows', 2 * limits.max_jump / _HOLD_DELAY**2
     if acceleration > most:
         raise OptionError(f'it has {acceleration:.3g} m/s^2, and {name} {most:.3g} m/s^2')
 

@@ -1,15 +1,16 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 import math
 import os
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time as Stamp
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
@@ -32,8 +33,72 @@ _LONGEST_SIMULATED_TICK = 2.0  # s
 _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
-_PATIENCE = 2.0  # s between the messages of a plan.
+_LONGEST_GAP = 2.0  # s between the messages of a plan.
 _FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
+
+
+class _Reception:
+    """
+    Receives the plans of the topics, and keeps why the last messages make none.
+
+    :ivar is_awaited: whether ~/start has been called for the plan whose messages arrive.
+    """
+
+    def __init__(self, assembly: Assembly, log: RcutilsLogger) -> None:
+        self._assembly, self._log, self.is_awaited = assembly, log, False
+        self._arrived = 0.0  # The last message, by time.monotonic.
+        self._refusal = ''  # Of the last messages.
+        self._logged: set[str] = set()  # Reasons, until a plan is valid.
+
+    @property
+    def problem(self) -> str:
+        """Reason why the last messages make no plan, or an empty string."""
+        return self._assembly.problem or self._refusal
+
+    @property
+    def is_arriving(self) -> bool:
+        """Whether the rest of a plan is likely to come soon."""
+        return bool(self._assembly.missing) and time.monotonic() - self._arrived < _LONGEST_GAP
+
+    def take(self, topic: str, message: bytes) -> bool:
+        """Keep a message; return True if it completes a plan."""
+        try:
+            is_whole = self._assembly.take(topic, message)
+        except PlanningError as error:
+            self._refuse(f'{topic}: {brief(error)}')
+            return False
+        self._arrived = time.monotonic()
+        return is_whole
+
+    def plan(self, **fields: Any) -> tuple[Plan, str] | None:
+        """Return the plan that is complete and its frame, or None if it cannot be used."""
+        try:
+            received = self._assembly.plan(**fields)
+        except PlanningError as error:
+            self._refuse(brief(error))
+            return None
+        self._refusal = ''
+        self._logged.clear()
+        return received
+
+    def check_rest(self) -> None:
+        """Note that the rest of a plan does not come, once it is late."""
+        if self._assembly.missing and not self.is_arriving:
+            self._refuse(self._assembly.problem)
+
+    def _refuse(self, reason: str) -> None:
+        self._refusal = reason
+        if reason not in self._logged and len(self._logged) < _MOST_WARNINGS:
+            self._logged.add(reason)
+            self._log.warning(f'the plan of the topics is not used: {reason}' + (
+                '; ~/start waits for another one' if self.is_awaited else ''))
+
+
+class _Release(NamedTuple):
+    """The time in ns of the last release of a plan, and what its first setpoint waits for."""
+
+    time_ns: int = 0
+    unmet: Sequence[str] = ()
 
 
 class Replay(Node):
@@ -46,13 +111,8 @@ class Replay(Node):
         self._frame_id = self._settings['frame_id']
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')))
-        self._released_ns, self._ticked = 0, time.monotonic()
-        self._waits: list[str] = []
+        self._release, self._ticked = _Release(), time.monotonic()
         self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
-        self._warnings: set[str] = set()
-        self._arrived = 0.0  # The last message of a plan, by time.monotonic.
-        self._starts_next = False  # Set by ~/start for the plan whose messages arrive.
-        self._problem = ''  # Of the last messages that made no plan.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
@@ -63,8 +123,8 @@ class Replay(Node):
         names = {} if plan is not None else subscribe(
             self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs,
             raw=True)
-        self._assembly = Assembly(
-            self._uavs, lambda topic: self.count_publishers(names[topic]) > 0)
+        self._reception = _Reception(Assembly(
+            self._uavs, lambda topic: self.count_publishers(names[topic]) > 0), self.get_logger())
         self._make_interface()
         if plan is not None:
             self._adopt(plan, self._frame_id)
@@ -92,40 +152,20 @@ class Replay(Node):
     # Plans
 
     def _on_plan_message(self, topic: str, message: bytes) -> None:
-        try:
-            is_whole = self._assembly.take(topic, message)
-        except PlanningError as error:
-            self._note_problem(f'{topic}: {brief(error)}')
-            return
-        self._arrived = time.monotonic()
-        if is_whole:
+        if self._reception.take(topic, message):
             self._assemble()
 
-    def _is_arriving(self) -> bool:
-        """Return True if the rest of a plan is likely to come soon."""
-        return bool(self._assembly.missing) and time.monotonic() - self._arrived < _PATIENCE
-
-    def _note_problem(self, reason: str) -> None:
-        """Note and log the reason why the messages make no plan."""
-        self._problem = reason
-        if reason not in self._warnings and len(self._warnings) < _MOST_WARNINGS:
-            self._warnings.add(reason)
-            self.get_logger().warning(f'the plan of the topics is not used: {reason}' + (
-                '; ~/start waits for another one' if self._starts_next else ''))
-
     def _assemble(self) -> None:
-        """Load the plan of the topics, or note the reason why that fails."""
-        try:
-            ground_node = tuple(self._settings['ground_node'])
-            plan, frame_id = self._assembly.plan(
-                ground_node=ground_node, channel=channel_from(self._settings),
-                eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
-                reference_snr_db=self._settings['reference_snr_db'])
-        except PlanningError as error:
-            self._note_problem(brief(error))
+        """Load the plan of the topics, if it can be used."""
+        ground_node = tuple(self._settings['ground_node'])
+        received = self._reception.plan(
+            ground_node=ground_node, channel=channel_from(self._settings),
+            eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
+            reference_snr_db=self._settings['reference_snr_db'])
+        if received is None:
             return
-        starts, self._starts_next, self._problem = self._starts_next, False, ''
-        self._warnings.clear()
+        plan, frame_id = received
+        starts, self._reception.is_awaited = self._reception.is_awaited, False
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
                                 f'{quote(self._frame_id)}; ~/reset ends them')
@@ -180,11 +220,12 @@ class Replay(Node):
         """Release the plan; return its next state in words."""
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start()
-        self._released_ns = now
-        self._waits = [] if player.streaming else self._find_waits(now)
+        self._release = _Release(now)
+        if not player.streaming:
+            self._release = _Release(now, self._unmet_conditions(now))
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
-            player.time <= player.playback.begin) else 0.0
-        follows = [f'waits for {wait}' for wait in self._waits] + (
+            player.flight.time <= player.playback.begin) else 0.0
+        follows = [f'waits for {condition}' for condition in self._release.unmet] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
         if ahead < -PUNCTUAL:
             follows.append(f'playing {-ahead:.1f} s late, which ends what is promised of '
@@ -192,10 +233,10 @@ class Replay(Node):
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
     def _on_start(self) -> tuple[bool, str]:
-        reason = self._assembly.problem or self._problem
-        self._starts_next = self._is_arriving()
+        reception, reason = self._reception, self._reception.problem
+        reception.is_awaited = reception.is_arriving
         try:
-            text = (f'waits for the rest of the plan: {reason}' if self._starts_next
+            text = (f'waits for the rest of the plan: {reason}' if reception.is_awaited
                     else self._start())
         except OptionError as error:
             return False, f'{error}{reason and ": "}{reason}'
@@ -204,14 +245,14 @@ class Replay(Node):
 
     def _on_pause(self) -> tuple[bool, str]:
         # It withdraws a start that waits for the rest of a plan, too.
-        is_withdrawn, self._starts_next = self._starts_next, False
+        is_withdrawn, self._reception.is_awaited = self._reception.is_awaited, False
         is_paused = self._player.pause() or is_withdrawn
         self._on_tick()
         return is_paused, 'paused' if is_paused else 'nothing is playing'
 
     def _on_reset(self) -> tuple[bool, str]:
         self._player.reset()
-        self._starts_next = False
+        self._reception.is_awaited = False
         return True, 'back at the start'
 
     # Time
@@ -222,19 +263,18 @@ class Replay(Node):
         longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
-        if self._assembly.missing and not self._is_arriving():
-            self._note_problem(self._assembly.problem)
+        self._reception.check_rest()
         player, playback = self._player, self._player.playback
         if not player.streaming:
             self._streamed = 0
             if player.playing:
-                self._log_waits(self._find_waits(now))
+                self._update_unmet(self._unmet_conditions(now))
         was_playing = player.playing
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
-                             is_ready=not self._waits, longest=longest)
+                             is_ready=not self._release.unmet, longest=longest)
         if playback is not None:
             self._outputs['plan_time'].publish(messages.plan_time(
-                player.playback.plan, player.time, clock.to_msg(), self._follower))
+                player.playback.plan, player.flight.time, clock.to_msg(), self._follower))
         if moment is not None:
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
@@ -242,31 +282,31 @@ class Replay(Node):
         if was_playing and player.ended:
             self._announce_end()
 
-    def _find_waits(self, now_ns: int) -> list[str]:
+    def _unmet_conditions(self, now_ns: int) -> list[str]:
         """Return the conditions that the first setpoint waits for, in words."""
         settings, is_simulated = self._settings, not self._settings['vehicle_odometry']
         places = [None if is_simulated else self._vehicle_position(name, now_ns)
                   for name in self._uavs]
-        waits = [place for place in places if isinstance(place, str)]
-        waits += self._player.not_at_start(
+        unmet = [place for place in places if isinstance(place, str)]
+        unmet += self._player.unmet_conditions(
             [None if isinstance(place, str) else place for place in places],
             settings['start_tolerance'], settings['speed'])
         # Simulated UAVs may fly without a subscriber each, after a while.
-        if is_simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
-            return waits
-        return waits + [f'a subscriber of the setpoints of {name}'
+        if is_simulated and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
+            return unmet
+        return unmet + [f'a subscriber of the setpoints of {name}'
                         for name in self._uavs
                         if not any(self._outputs[topic].get_subscription_count() for topic in (
                             f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
                             f'{name}/odom') if topic in self._outputs)]
 
-    def _log_waits(self, waits: list[str]) -> None:
-        """Log the conditions if they are of another kind than before."""
-        def kinds(waits: list[str]) -> list[str]:
-            return [wait.partition(',')[0] for wait in waits]  # Without the distance.
-        if waits and kinds(waits) != kinds(self._waits):
-            self.get_logger().info(brief(f'waiting for {", ".join(waits)}'))
-        self._waits = waits
+    def _update_unmet(self, unmet: Sequence[str]) -> None:
+        """Note the conditions, and log them if they are of another kind than before."""
+        def kinds(unmet: Sequence[str]) -> list[str]:
+            return [condition.partition(',')[0] for condition in unmet]  # Without the distance.
+        if unmet and kinds(unmet) != kinds(self._release.unmet):
+            self.get_logger().info(brief(f'waiting for {", ".join(unmet)}'))
+        self._release = self._release._replace(unmet=unmet)
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         for topic, message in messages.setpoint_messages(
