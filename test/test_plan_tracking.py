@@ -355,7 +355,7 @@ def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
     assert tracking.flight(1011.0).playback.plan is second
     report(tracking, first, (1013.0, 13.0))
     assert tracking.flight(1013.0).playback.plan is first
-    problems, values = tracking.report(
+    problems, values = tracking.status(
         {'uavs': ['uav1', 'uav2'], 'track_tolerance': 5.0, 'frame_id': 'map', 'pose_timeout': 0.0,
          'uav1.use_pose': True, 'uav2.use_pose': True}, 1013.0)
     assert (values['track.plan'], values['track.state']) == (first.identity, 'flying')
@@ -369,7 +369,7 @@ def test_a_follower_of_an_unknown_plan_is_named(two_plans):
     plan, unknown = two_plans
     tracking = PlanTracking(PoseBook())
     report(tracking, unknown, (1010.0, 10.0))
-    problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
+    problem, = tracking.status({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
     assert f'plays plan {unknown.identity}, which this planner does not have' in problem
     tracking.check_known(1010.5)  # It may wait.
     report(tracking, unknown, (1010.6, 10.1))
@@ -414,9 +414,9 @@ def test_reports_by_another_clock_are_named_with_the_difference(two_plans, age, 
     tracking = tracking_of(plan)
     settings = {'uavs': [], 'track_tolerance': 5.0}
     tracking.add_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
-    problem, = tracking.report(settings, 1010.2)[0]
+    problem, = tracking.status(settings, 1010.2)[0]
     assert f'{abs(age):.1f} s in the {word}' in problem and 'NTP' in problem
-    problem, = tracking.report(settings, 1012.0)[0]
+    problem, = tracking.status(settings, 1012.0)[0]
     assert 'is silent for 2 s' in problem
 
 
@@ -442,7 +442,7 @@ def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plan
     def add(follower, clock, time_of_plan):
         tracking.add_report(messages.plan_time(
             plan, time_of_plan, stamp_at(clock), follower), clock)
-        return tracking.flight(clock).time, tracking.report(
+        return tracking.flight(clock).time, tracking.status(
             {'uavs': [], 'track_tolerance': 5.0}, clock)[0]
 
     waiting = Playback(plan).begin

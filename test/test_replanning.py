@@ -44,10 +44,10 @@ class Bench:
         if self.late is not None:
             report(self, now - 0.25 - START)
             report(self, now - START)
-        remainder = self.replanning.find_due(last, settings, now)
-        if remainder is None:
+        reason = self.replanning.find_reason(last, settings, now)
+        if not reason:
             return
-        self.replanning.begin(now)
+        remainder = self.replanning.begin(reason, settings, now)
         try:
             rejoin = remainder.find_rejoin()
             plan = rejoin.splice(solve(

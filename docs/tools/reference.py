@@ -42,7 +42,7 @@ def interfaces() -> list[Interface]:
                  for kind, topic in stack.topics.items()]
         rows += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
                            describe_qos(SENSOR), f'with `stack` {name}: where the vehicle is')
-                 for kind, topic in stack.reports.items()]
+                 for kind, topic in stack.states.items()]
     return rows
 
 

@@ -84,9 +84,9 @@ class Stack:
     :param fields: returns the fields of each of these messages, by the name of its type, for a
         Setpoint and the present time in ns. A field that is a message is a dict, or a list of
         dicts.
-    :param reports: the topics of the vehicle's state, by package and type.
+    :param states: the topics of the vehicle's state, by package and type.
     :param odometry: returns the fields of nav_msgs/Odometry in the vehicle's local frame,
-        east-north-up, without the names of frames, for the last message of each of the reports.
+        east-north-up, without the names of frames, for the last message of each of these.
         A stamp is left out where the stack may have another clock.
     :param debian: the package's name in the distribution of ROS, if it is part of that.
     """
@@ -95,7 +95,7 @@ class Stack:
     source: str
     topics: Mapping[str, str]
     fields: Callable[[Setpoint, int], dict[str, Fields]]
-    reports: Mapping[str, str]
+    states: Mapping[str, str]
     odometry: Callable[..., Fields]
     debian: str = ''
 

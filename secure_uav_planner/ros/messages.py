@@ -150,12 +150,13 @@ def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[flo
     point, transform = MultiDOFJointTrajectoryPoint(), Transform()
     _set_pose(transform.translation, transform.rotation, *place, yaw)
     point.transforms = [transform]
-    point.velocities, point.accelerations = [_level(velocity)], [_level(acceleration)]
+    point.velocities = [horizontal_twist(velocity)]
+    point.accelerations = [horizontal_twist(acceleration)]
     point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(seconds * 1e9), 10**9)
     return point
 
 
-def _level(vector: Sequence[float]) -> Twist:
+def horizontal_twist(vector: Sequence[float]) -> Twist:
     """Return a Twist whose linear part is a horizontal vector."""
     twist = Twist()
     twist.linear.x, twist.linear.y = float(vector[0]), float(vector[1])

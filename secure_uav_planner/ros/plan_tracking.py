@@ -144,6 +144,7 @@ class PlanTracking:
         self._published_ns = 0  # The newest plan.
         self._track = AchievedRates()
         self.forget_reports()
+        poses.on_set_back = self.forget_reports
 
     def forget_reports(self) -> None:
         """Forget the reports of followers: after a jump of the clock they are of another time."""
@@ -269,7 +270,7 @@ class PlanTracking:
         """Raise a LateError while a follower slows down or speeds up."""
         if not self.is_steady(now):
             raise LateError('the flight is slowing down or speeding up at the moment; '
-                            'ask again when it goes on evenly, or stands')
+                            'ask again when it is flown at a constant rate, or is paused')
 
     @property
     def has_reports(self) -> bool:
@@ -333,7 +334,7 @@ class PlanTracking:
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._track.add(flight.playback, flight.time, positions)
 
-    def report(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
+    def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
         """Return the problems of the flight in words, and the values of the status by key."""
         flight, most = self.flight(now), settings['track_tolerance']
         problems = self._follower_problems(now)

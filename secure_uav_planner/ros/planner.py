@@ -1,9 +1,9 @@
 """
 The planner node: plans from poses and parameters.
 
-Poses, tracking, plan and outcome belong to one mutually exclusive callback group, the state
-thread. Subscriptions queue their messages for it. Solves run in a thread of their own and post
-their results to it; `~/plan` waits in a group of its own.
+One thread, the state thread, runs all callbacks: poses, tracking, plan and outcome belong to it.
+Solves run in a thread of their own and post their results to it. `~/plan` waits in a callback
+group of its own, so that other callbacks run meanwhile.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -60,10 +60,7 @@ class Planner(Node):
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
-        # Queues of the state thread: the reports of followers, with their times of arrival, and
-        # functions.
-        self._new_reports: deque[tuple[TimeReference, float]] = deque()
-        self._posted: deque[Callable[[], None]] = deque()
+        self._posted: deque[Callable[[], None]] = deque()  # For the state thread.
         self._solver = SolverThread(self._post, self._publish_status)
         self._answer: Future | None = None  # To the request that waits.
         self._checked = Future()  # Done at the next check.
@@ -71,7 +68,6 @@ class Planner(Node):
         self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
         self._replan_problem = ''
-        self._last_check = -math.inf  # Time of the node's clock in s.
         self._make_interface()
         self._restore()
         self._publish_status()
@@ -81,22 +77,19 @@ class Planner(Node):
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
-        state, inputs = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
-        self._wake = self.create_guard_condition(self._run_queued, callback_group=state)
+        group = self.default_callback_group
+        self._wake = self.create_guard_condition(self._run_queued)
         self._outputs = publishers(self, TOPICS['planner', 'pub'], self._uavs)
         # A second ~/plan is answered while the first waits.
         serve(self, {'~/plan': self._on_plan}, ReentrantCallbackGroup())
-        serve(self, {'~/cancel': self._on_cancel}, state)
+        serve(self, {'~/cancel': self._on_cancel}, group)
         # Both timers continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._publish_diagnostics, callback_group=state, clock=steady)
-        self.create_timer(_CHECK_PERIOD, self._on_check, callback_group=state, clock=steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        self.create_timer(_CHECK_PERIOD, self._on_check, clock=steady)
         topics = dict(TOPICS['planner', 'sub'])
-        subscribe(self, {'plan_time': topics.pop('plan_time')},
-                  lambda _, message: self._new_reports.append((message, self._now())),
-                  MutuallyExclusiveCallbackGroup(), self._uavs)  # They keep their order.
-        subscribe(self, topics, self._on_pose, inputs, self._uavs,
-                  self._settings['eavesdroppers'])
+        subscribe(self, {'plan_time': topics.pop('plan_time')}, self._on_plan_time, group, ())
+        subscribe(self, topics, self._on_pose, group, self._uavs, self._settings['eavesdroppers'])
 
     def close(self) -> bool:
         """Stop the solve under way; return True if its thread has ended."""
@@ -110,7 +103,7 @@ class Planner(Node):
     def _now(self) -> float:
         return self._now_ns() * 1e-9
 
-    # Queues of the state thread
+    # The state thread
 
     def _post(self, function: Callable[[], None]) -> None:
         """Have a function run in the state thread; from any thread."""
@@ -121,12 +114,14 @@ class Planner(Node):
     def _on_pose(self, topic: str, message: Message) -> None:
         self._inputs.put(topic, message, self._now())
 
+    def _on_plan_time(self, _: str, message: TimeReference) -> None:
+        self._poses.follow_clock(self._now())
+        self._tracking.add_report(message, self._now())
+
     def _run_queued(self) -> None:
-        """Use the queued messages, then run the queued functions."""
+        """Use the queued poses, then run the queued functions."""
         if self._inputs.take_all(self._settings.snapshot(), self._now()):
             self._publish_status()
-        while self._new_reports:
-            self._tracking.add_report(*self._new_reports.popleft())
         while self._posted and not self._closed:
             self._posted.popleft()()
 
@@ -242,10 +237,9 @@ class Planner(Node):
 
     def _on_check(self) -> None:
         settings = self._settings.snapshot()
-        if self._now() < self._last_check:
-            self._tracking.forget_reports()
+        self._poses.follow_clock(self._now())
         self._run_queued()
-        self._last_check = now = self._now()  # What has run in between was heard before it.
+        now = self._now()
         self._checked.set_result(None)
         self._checked = Future()
         self._tracking.observe(settings, now)
@@ -256,7 +250,8 @@ class Planner(Node):
         if self._solver.is_solving or self._state.plan is None or self._closed:
             return
         try:
-            remainder = self._replanning.find_due(self._state.plan, settings, now)
+            reason = self._replanning.find_reason(self._state.plan, settings, now)
+            remainder = self._replanning.begin(reason, settings, now) if reason else None
             self._replan_problem = ''
         except PlanningError as error:
             problem = f'the rest of the mission cannot be planned again: {brief(error)}'
@@ -294,7 +289,6 @@ class Planner(Node):
                 plan, outgoing, 'replans' if is_new else '', remainder.clock, begin)
 
         self._log_notes(remainder.receivers.notes)
-        self._replanning.begin(remainder.now)
         self._start(work, finish, 'the replan was cancelled')
 
     # Publishing
@@ -370,7 +364,7 @@ class Planner(Node):
         now, settings, plan = self._now(), self._settings.snapshot(), self._state.plan
         is_solving = self._solver.is_solving
         progress = self._solver.job.progress if is_solving else None
-        problems, tracks = self._tracking.report(settings, now)
+        problems, tracks = self._tracking.status(settings, now)
         level, text = level_and_text(
             self._state.outcome, [
                 *self._poses.problems(settings, now), *problems,

@@ -89,10 +89,12 @@ class PoseBook:
     values of the planner's parameters by name, and `now` is the node's time in s.
 
     :param transform: returns a message in another frame, or raises a PoseError.
+    :ivar on_set_back: called when the clock has been set back.
     """
 
     def __init__(self, transform: Callable[[Message, str], Message] = refuse_frame) -> None:
         self._transform = transform
+        self.on_set_back: Callable[[], None] = lambda: None
         self._poses: dict[str, KnownPose] = {}
         self._refusals: dict[str, PoseError] = {}  # Since the last valid pose of the topic.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
@@ -109,7 +111,7 @@ class PoseBook:
         :return: a remark for the user, or an empty string.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
-        self._follow_clock(now)
+        self.follow_clock(now)
         arrived = now if arrived is None else arrived
         if arrived > now + _LEAST_JUMP:
             return ''  # It came before the clock was set back.
@@ -124,12 +126,13 @@ class PoseBook:
         self._keep(topic, pose, has_velocity=not isinstance(message, PoseStamped))
         return self._note_motion(topic, settings, now)
 
-    def _follow_clock(self, now: float) -> None:
-        """Forget all poses if the clock has been set back."""
+    def follow_clock(self, now: float) -> None:
+        """Note the time; forget all poses if the clock has been set back."""
         if now < self._latest - _LEAST_JUMP:
             for content in (self._poses, self._refusals, self._recent, self._discs):
                 content.clear()
             self._latest, self._was_set_back = now, True
+            self.on_set_back()
         self._latest = max(now, self._latest)
 
     def _keep(self, topic: str, pose: KnownPose, has_velocity: bool) -> None:
@@ -181,7 +184,7 @@ class PoseBook:
     def usable_pose(self, name: str, settings: Mapping[str, Any], now: float,
                     is_receiver: bool = False) -> KnownPose | None:
         """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""
-        self._follow_clock(now)
+        self.follow_clock(now)
         odometry, pose = (
             None if self.problem(topic, settings, now, is_receiver) else self._poses.get(topic)
             for topic in member_topics(name))

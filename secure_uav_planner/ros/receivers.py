@@ -149,9 +149,9 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     moving = np.array([eve.track is not None for eve in now.eavesdroppers])
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
     grown = (radii - old_radii)[:, 0]
-    is_left = moving & (moves > old_radii[:, 0])
+    has_left_disc = moving & (moves > old_radii[:, 0])
     if not distance:
-        return bool(is_left.any())
+        return bool(has_left_disc.any())
     return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
-        is_left | (moves > distance)
+        has_left_disc | (moves > distance)
         | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())

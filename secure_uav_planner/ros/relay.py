@@ -43,7 +43,7 @@ class Relay(Node):
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
         self._outputs: dict[str, dict[str, Publisher]] = {}
-        self._reports: dict[str, dict[str, Any]] = {name: {} for name in uavs}
+        self._states: dict[str, dict[str, Any]] = {name: {} for name in uavs}
         self._odometry = publishers(self, TOPICS['relay', 'pub'], uavs) if (
             self._settings['publish_odometry']) else {}
         subscribe(self, TOPICS['relay', 'sub'], self._on_setpoint, self.default_callback_group,
@@ -67,9 +67,9 @@ class Relay(Node):
         self._outputs[name] = {kind: self.create_publisher(
             self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
             for kind, topic in self._stack.topics.items()}
-        for kind, topic in self._stack.reports.items():
+        for kind, topic in self._stack.states.items():
             self.create_subscription(
-                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_report, name, kind),
+                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
                 SENSOR, qos_overriding_options=OVERRIDABLE)
 
     @property
@@ -127,15 +127,15 @@ class Relay(Node):
         for kind, values in fields.items():
             self._outputs[name][kind].publish(fill_message(self._kinds[kind](), values))
 
-    def _on_report(self, name: str, kind: str, message: Any) -> None:
-        """Use the state of a vehicle whenever the first kind of its reports comes."""
-        reports = self._reports[name]
-        reports[kind] = message
-        kinds = list(self._stack.reports)
-        if kind != kinds[0] or len(reports) < len(kinds):
+    def _on_state(self, name: str, kind: str, message: Any) -> None:
+        """Use the state of a vehicle whenever the first kind of its messages comes."""
+        states = self._states[name]
+        states[kind] = message
+        kinds = list(self._stack.states)
+        if kind != kinds[0] or len(states) < len(kinds):
             return
         try:
-            odometry = fill_message(Odometry(), self._stack.odometry(*map(reports.get, kinds)))
+            odometry = fill_message(Odometry(), self._stack.odometry(*map(states.get, kinds)))
             pose = odometry.pose.pose
             place = _read_finite('position', pose.position, 'xyz')
             self._guard_by_uav[name].note_position(place, self._now)
@@ -177,7 +177,7 @@ def _message_classes(name: str, stack: Stack) -> dict[str, type]:
     """Return the message classes of a stack by their names there."""
     try:
         return {**{kind: message_class(f'{stack.package}/{kind}') for kind in stack.topics},
-                **{kind: message_class(kind) for kind in stack.reports}}
+                **{kind: message_class(kind) for kind in stack.states}}
     except (ImportError, AttributeError) as error:
         raise ParameterError(
             f'parameter stack is {name}: its message package {stack.package} is missing '

@@ -254,11 +254,7 @@ class Remainder(NamedTuple):
 
 
 class Replanning:
-    """
-    When and why the remainder of the mission is due to be planned again; times in s.
-
-    `find_due` only asks; `begin` and `end` note what follows.
-    """
+    """When and why the remainder of the mission is planned again; times in s."""
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
@@ -266,9 +262,59 @@ class Replanning:
         self._has_failed = False  # The last replan that was due, not only useful.
         self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
 
-    def begin(self, now: float) -> None:
-        """Note that a plan or a replan is made from now on."""
+    def find_reason(self, last: Plan, settings: Mapping[str, Any], now: float) -> str:
+        """
+        Return the reason to plan the rest of the mission again, or an empty string.
+
+        It is 'period', 'promise' at its end, 'receivers' that have moved, or 'deviation'.
+
+        :raises PlanningError: if the receivers cannot be predicted.
+        """
+        period, distance = settings['replan_period'], settings['replan_distance']
+        if not any(settings[f'replan_{parameter}'] for parameter in REPLAN_REASONS):
+            return ''
+        flight = self._tracking.flight(now)
+        if flight is None or not flight.rate or not self._tracking.is_steady(now):
+            return ''
+        plan = flight.playback.plan
+        if plan.start_ns != last.start_ns:
+            return ''  # The last plan has not begun.
+        if self._first_point(flight, settings) >= plan.scenario.slots or (
+                self._poses.problems(settings, now, with_uavs=False)):
+            return ''  # The mission ends before; or poses are missing, which the status tells.
+        since = now - self._last_planned  # Negative after the clock has jumped back.
+        if period and not 0 <= since < period:
+            return 'period'
+        lead, is_recent = settings['replan_lead'], 0 <= since < settings['replan_lead']
+        # After a failure, and where receivers are predicted, the rest waits for the lead.
+        if not (is_recent and (self._has_failed or plan.scenario.has_tracks)):
+            if self._tracking.promise_ends(flight, (lead + _DELIVERY) * flight.rate
+                                           + _EFFECT_SLOTS * plan.scenario.slot_duration):
+                return 'promise'
+            if (distance or period) and has_moved(
+                    plan.scenario, self._update(flight, settings, now)[0],
+                    max(flight.time, self._counts_from), distance):
+                return 'receivers'
+        # A UAV has the lead to come back.
+        is_deviating = flight.state == 'flying' and not is_recent and (
+            self._deviates(settings, now))
+        return 'deviation' if is_deviating else ''
+
+    def begin(self, reason: str, settings: Mapping[str, Any], now: float) -> Remainder:
+        """
+        Begin a replan for a reason: note its time, and return the remainder of the mission.
+
+        :raises PlanningError: if the receivers cannot be predicted.
+        """
+        flight, lead = self._tracking.flight(now), settings['replan_lead']
+        assert flight is not None
+        updated, receivers = self._update(flight, settings, now)
         self._last_planned = now
+        return Remainder(
+            flight, now, self._first_point(flight, settings),
+            self._tracking.states(flight, settings, now), updated, receivers,
+            reason == 'deviation', settings['track_tolerance'],
+            lead - min(_REPLAN_RESERVE, lead / 2))
 
     def end(self, now: float, counts_from: float = -math.inf) -> None:
         """Note a new plan, in which the present receivers count from a time of the plan on."""
@@ -278,58 +324,22 @@ class Replanning:
         """Note that the remainder was not planned again."""
         self._has_failed = not remainder.must_meet
 
-    def find_due(self, last: Plan, settings: Mapping[str, Any], now: float) -> Remainder | None:
-        """
-        Return the remainder of the mission if it is due to be planned again, or None.
+    def _first_point(self, flight: Flight, settings: Mapping[str, Any]) -> int:
+        """Return the first point of a flight that a replan of now may change."""
+        return find_first_point(flight.playback.plan.scenario,
+                                flight.time + settings['replan_lead'] * flight.rate)
 
-        :raises PlanningError: if the receivers cannot be predicted.
-        """
-        if not any(settings[f'replan_{reason}'] for reason in REPLAN_REASONS):
-            return None
-        flight = self._tracking.flight(now)
-        if flight is None or not flight.rate or not self._tracking.is_steady(now):
-            return None
-        plan = flight.playback.plan
-        if plan.start_ns != last.start_ns:
-            return None  # The last plan has not begun.
-        lead = settings['replan_lead']
-        first = find_first_point(plan.scenario, flight.time + lead * flight.rate)
-        if first >= plan.scenario.slots or self._poses.problems(settings, now, with_uavs=False):
-            return None  # The mission ends before; or poses are missing, which the status tells.
+    def _update(self, flight: Flight, settings: Mapping[str, Any], now: float
+                ) -> tuple[Scenario, Receivers]:
+        """Return the scenario of a flight with the present receivers, and these."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
             flight.playback.duration)
-        updated = replace(plan.scenario, **receivers.fields)
-        is_due = self._is_due(flight, updated, settings, now)
-        if not is_due and not (flight.state == 'flying' and self._deviates(settings, now)):
-            return None
-        return Remainder(
-            flight, now, first, self._tracking.states(flight, settings, now), updated, receivers,
-            not is_due, settings['track_tolerance'], lead - min(_REPLAN_RESERVE, lead / 2))
-
-    def _is_due(self, flight: Flight, updated: Scenario, settings: Mapping[str, Any], now: float
-                ) -> bool:
-        """Return True after the period, at the end of a promise, or if a receiver has moved."""
-        period, distance = settings['replan_period'], settings['replan_distance']
-        since = now - self._last_planned  # Negative after the clock has jumped back.
-        if period and not 0 <= since < period:
-            return True
-        # After a failure, and where receivers are predicted, the rest waits for the lead.
-        lead = settings['replan_lead']
-        if (self._has_failed or updated.has_tracks) and 0 <= since < lead:
-            return False
-        slot = flight.playback.plan.scenario.slot_duration
-        if self._tracking.promise_ends(
-                flight, (lead + _DELIVERY) * flight.rate + _EFFECT_SLOTS * slot):
-            return True
-        return bool((distance or period) and has_moved(
-            flight.playback.plan.scenario, updated, max(flight.time, self._counts_from),
-            distance))
+        return replace(flight.playback.plan.scenario, **receivers.fields), receivers
 
     def _deviates(self, settings: Mapping[str, Any], now: float) -> bool:
-        """Return True if a UAV is too far from its plan, and has had the lead to come back."""
+        """Return True if a UAV is too far from its plan."""
         most = settings['replan_deviation']
-        if not most or 0 <= now - self._last_planned < settings['replan_lead']:
-            return False
-        return any(distance > most and settings[f'{name}.use_pose']
-                   for name, distance in self._tracking.distances(settings, now).items())
+        return bool(most) and any(
+            distance > most and settings[f'{name}.use_pose']
+            for name, distance in self._tracking.distances(settings, now).items())

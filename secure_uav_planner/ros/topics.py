@@ -51,8 +51,8 @@ _REPLAYED = 'what to replay, unless `plan_file` is set'
 
 TOPICS = {
     ('planner', 'sub'): {
-        'plan_time': Topic(TimeReference, SENSOR, 'to what time of which plan the flight has '
-                           'come, from a follower'),
+        'plan_time': Topic(TimeReference, SENSOR,
+                           'which plan a follower flies, and its progress in plan time'),
         'ground_node/pose': Topic(PoseStamped, SENSOR, 'the position of the ground node'),
         'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
                                   'and how fast; used before its pose, unless that is fresher '
@@ -95,7 +95,7 @@ TOPICS = {
                             '`vehicle_odometry` where the real UAV is'),
         '~/markers': Topic(MarkerArray, STREAM, 'the present positions of the UAVs'),
         'plan_time': Topic(TimeReference, STREAM,
-                           'to what time of which plan the flight has come'),
+                           'which plan is flown, and its progress in plan time'),
         '~/secrecy_rate': Topic(Float64, STREAM, 'the present rate in bit/s/Hz, if '
                                 '`true_eavesdropper` is set')},
     ('relay', 'sub'): {
