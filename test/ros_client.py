@@ -40,7 +40,7 @@ from std_srvs.srv import Trigger
 DEFAULTS = {name: spec.default for specs in (
     PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
     eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()} | {
-        'tracks': {}, 'origin': None}
+        'tracks': {}}
 PATIENCE = 120.0
 ASK_AGAIN = 5.0  # s without an answer
 IDLE = 60  # s without a solve; the planner is idle while it still evaluates a plan, too

@@ -1,6 +1,5 @@
 """The forms of a setpoint that autopilots take, against the conventions of REP-103 and of PX4."""
 
-from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -124,12 +123,6 @@ def test_aerostack2_gets_whole_setpoints_only(setpoint):
     assert tuple(point['twist'].values()) == setpoint.velocity
     assert tuple(point['acceleration'].values()) == setpoint.acceleration
     assert point['yaw_angle'] == setpoint.yaw
-
-
-def test_an_origin_moves_the_position_and_nothing_else():
-    setpoint = Setpoint('map', 7, (10.0, 20.0, 30.0), 0.5, (1.0, 2.0, 3.0))
-    moved = setpoint.shift_origin((1.0, -2.0, 3.0))
-    assert moved == replace(setpoint, position=(9.0, 22.0, 27.0))
 
 
 def test_every_stack_publishes_what_it_makes():

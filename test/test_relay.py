@@ -7,6 +7,7 @@ import math
 import os
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fuzzing import check_abnormal
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import message_package
@@ -17,7 +18,7 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
     node_here, node_process, PATIENCE, refusal, values_of, wait_for, wait_for_line)
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.topics import TOPICS
@@ -75,6 +76,23 @@ DEFINITIONS = {
         uint8 VELOCITY_FRAME_NED = 1
         float32[3] velocity
         float32[3] angular_velocity
+        """, 'VehicleLocalPosition': """
+        uint64 timestamp
+        bool xy_valid
+        uint8 xy_reset_counter
+        uint8 z_reset_counter
+        bool xy_global
+        uint64 ref_timestamp
+        float64 ref_lat
+        float64 ref_lon
+        """},
+    'geographic_msgs': {'GeoPoint': """
+        float64 latitude
+        float64 longitude
+        float64 altitude
+        """, 'GeoPointStamped': """
+        std_msgs/Header header
+        geographic_msgs/GeoPoint position
         """},
     'as2_msgs': {'TrajectoryPoint': """
         string id
@@ -165,7 +183,12 @@ def test_without_the_message_package_it_says_in_one_line_what_is_missing_and_how
     ({'stack': 'paparazzi'}, "stack is 'paparazzi'; it must be one of mavros, px4, aerostack2"),
     ({'vehicles': '[drone0]'}, "vehicles is ['drone0']; it must be empty or have a name for each"),
     ({'vehicles': '[a, a]'}, "vehicles is ['a', 'a']; the names must be unique"),
-    ({'uav1.origin': '[1.0, 2.0]'}, 'uav1.origin is [1.0, 2.0]; it must be a list of 3 numbers')])
+    ({'uav1.origin': '[1.0, 2.0]'}, 'uav1.origin is [1.0, 2.0]; it must be a list of 3 numbers'),
+    ({'uav2.reference': 'mavros'}, 'uav2.reference is mavros and origin.projection is none; it'),
+    ({'uav1.reference': 'px4', 'origin.projection': 'ardupilot'}, 'it must be px4, and origin'),
+    ({'uav1.reference': 'px4', 'origin.projection': 'px4', 'uav1.origin': '[1.0, 0.0, 2.0]'},
+     'uav1.origin is [1.0, 0.0, 2.0]; with uav1.reference, x and y must be 0'),
+    ({'origin.latitude': 86.0}, 'origin.latitude is 86')])
 def test_a_wrong_parameter_ends_it_with_the_reason(capfd, parameters, reason):
     assert reason in refusal(capfd, 'relay', **parameters)
 
@@ -443,6 +466,148 @@ def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
         wait_for_line(replay, 'end of the plan')
         wait_for(lambda: numbers(targets[-1].position, 'xy') == [100.0, 460.0])
         assert not any('is not relayed' in line for line in relay.lines)
+
+
+ZURICH = Origin(47.3977, 8.5456)
+MISSION = {'origin.projection': 'px4', 'origin.latitude': ZURICH.latitude,
+           'origin.longitude': ZURICH.longitude}
+
+
+def reference_at(kind, east, resets=0, is_valid=True):
+    """Return the report of a px4 whose frame begins some m east of the mission's origin."""
+    latitude, longitude = map(float, ZURICH.to_geographic(east, 0.0))
+    return kind(xy_valid=True, xy_global=is_valid, ref_lat=latitude, ref_lon=longitude,
+                xy_reset_counter=resets, ref_timestamp=1000 + resets)
+
+
+def local_place(reference, place):
+    """Return where a vehicle with a reference takes a place of the mission, (x, y), to be."""
+    frame = Origin(reference.ref_lat, reference.ref_lon)
+    return [float(value) for value in frame.to_local(*ZURICH.to_geographic(*place))]
+
+
+def test_two_vehicles_with_references_400_m_apart_fly_one_plan(packages, client, tmp_path):
+    scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
+    fly_hover_fly(replace(scenario, duration=8.0)).save(tmp_path / 'plan.json')
+    reference, setpoint = (packages('px4_msgs', kind) for kind in (
+        'VehicleLocalPosition', 'TrajectorySetpoint'))
+    streams = {name: client.listen(setpoint, f'{name}/fmu/in/trajectory_setpoint', 1000)
+               for name in ('uav1', 'uav2')}
+    sources = {name: client.listen(PoseStamped, f'{name}/setpoint/pose', 1000)
+               for name in streams}
+    references = {'uav1': reference_at(reference, 0.0), 'uav2': reference_at(reference, 400.0)}
+    with node_process('relay', start_tolerance=0.0, stack='px4', setpoint_timeout=60.0,
+                      uav1__reference='px4', uav2__reference='px4', **MISSION) as relay, \
+            node_process('replay', plan_file=tmp_path / 'plan.json') as replay:
+        for name, message in references.items():
+            publisher = client.publisher(reference, f'{name}/fmu/out/vehicle_local_position')
+            wait_for(lambda: publisher.publish(message) or any(
+                f'the local frame of {name} begins at' in line for line in relay.lines))
+        assert client.call('replay/start').success
+        wait_for_line(replay, 'end of the plan')
+        for name, message in references.items():
+            def arrived():
+                return streams[name][-1].position[:2].tolist() == pytest.approx(
+                    local_place(message, (100.0, 460.0))[::-1], abs=1e-3)
+            wait_for(arrived)
+            places = [local_place(message, numbers(pose.pose.position, 'xy'))
+                      for pose in sources[name]]
+            for target in streams[name]:  # Each is a setpoint of the replay in its own frame.
+                north, east, _ = target.position.tolist()
+                assert min(math.dist(place, (east, north)) for place in places) < 1e-3
+    assert not any('is not relayed' in line for line in relay.lines)
+
+
+def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_to_be(
+        packages, client):
+    reference = packages('px4_msgs', 'VehicleLocalPosition')
+    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
+                            'uav1/mavros/setpoint_raw/local', 1000)
+    statuses = client.listen(DiagnosticArray, '/diagnostics', 10)
+    with node_here('relay', stack='mavros', setpoint_timeout=60.0, uav1__reference='px4',
+                   **MISSION) as process:
+        source, odometry = Source(client, 'uav1'), Odometry()
+        odometry.pose.pose.orientation.w = 1.0
+        publishers = [client.publisher(kind, f'uav1/{topic}') for kind, topic in (
+            (reference, 'fmu/out/vehicle_local_position'),
+            (Odometry, 'mavros/local_position/odom'))]
+
+        def until(report, place, condition):
+            """Report a reference, and a place in it unless it is None, until a condition holds."""
+            def holds():
+                publishers[0].publish(report)
+                if place is not None:
+                    at = odometry.pose.pose.position
+                    at.x, at.y, at.z = *local_place(report, place), 30.0
+                    publishers[1].publish(odometry)
+                return condition()
+            source.until(holds)
+
+        def says(text):
+            return any(text in line for line in process.lines)
+
+        first, moved = (reference_at(reference, *of) for of in ((0.0,), (30.0, 1)))
+        until(reference_at(reference, 0.0, is_valid=False), None, lambda: says(
+            'the local frame of uav1 is not known: xy_valid is True and xy_global is False'))
+        assert not targets
+        until(first, (11.0, 20.0), lambda: targets and targets[-1].velocity.x == 3.0)
+        # It is lost: the place is held.
+        until(reference_at(reference, 0.0, is_valid=False), (11.0, 20.0),
+              lambda: targets[-1].velocity.x == 0.0)
+        held = len(targets)
+        until(moved, None, lambda: says('the local frame of uav1 has moved by 30.00 m'))
+        until(moved, None, lambda: says('the position of the vehicle is not known'))
+        until(moved, None, lambda: targets[-1].position.x < -10.0)
+        assert not any(target.velocity.x for target in targets[held:])
+        wait_for(lambda: any(
+            status.level == DiagnosticStatus.WARN and 'has moved by 30.00 m' in status.message
+            for message in statuses for status in message.status))
+        until(moved, (31.0, 20.0), lambda: says('it is 21.0 m from the vehicle'))
+        until(moved, (11.0, 20.0), lambda: targets[-1].velocity.x == 3.0)
+        until(moved, (11.0, 20.0), lambda: any(
+            status.level == DiagnosticStatus.OK for status in statuses[-1].status))
+        # All are the same place on Earth.
+        places = [local_place(report, (10.0, 20.0)) for report in (first, moved)]
+        assert all(min(math.dist(place, numbers(target.position, 'xy')) for place in places) < 1e-6
+                   for target in targets)
+
+
+def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(packages, client):
+    kind = packages('geographic_msgs', 'GeoPointStamped')
+    with node_here('planner', duration=150.0, slots=30, uav1__reference='mavros', **MISSION):
+        status, origin = client.status_of('planner'), kind()
+        paths = client.listen(Path, 'uav1/path')
+        publisher = client.publisher(kind, 'uav1/mavros/global_position/gp_origin')
+
+        def until_said(text, *values):
+            origin.position.latitude, origin.position.longitude, origin.position.altitude = values
+
+            def is_said():
+                publisher.publish(origin)
+                time.sleep(0.1)
+                return text in status[-1].message
+            wait_for(is_said, what=text)
+            assert status[-1].level == DiagnosticStatus.WARN
+
+        until_said('the local frame of uav1 is not known: its position is earth-centred (ECEF)',
+                   4278990.0, 642970.0, 4670820.0)
+        until_said('a place is ', 8.5456, 47.3977, 400.0)
+        latitude, longitude = map(float, ZURICH.to_geographic(-10.0, 0.0))
+        client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
+
+        def is_known():
+            origin.position.latitude, origin.position.longitude = latitude, longitude
+            publisher.publish(origin)
+            client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
+            return values_of(status[-1]).get('pose_age.uav1/pose', 'none') != 'none'
+        wait_for(is_known)
+        client.send_pose('uav1/pose', 100.0, 490.0)
+        client.plan_paper()
+        wait_for(lambda: paths)
+        assert numbers(paths[-1].poses[0].pose.position, 'xy') == pytest.approx(
+            [90.0, 490.0], abs=0.1)
+        until_said('the local frame of uav1 has moved by 5.00 m',
+                   latitude, float(ZURICH.to_geographic(-5.0, 0.0)[1]), 400.0)
 
 
 def test_a_second_publisher_of_the_odometry_of_a_uav_is_a_warning(packages, client):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from secure_uav_planner.output.autopilots import STACKS
+from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters,
     zone_parameters)
@@ -43,6 +43,11 @@ def interfaces() -> list[Interface]:
         rows += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
                            describe_qos(SENSOR), f'with `stack` {name}: where the vehicle is')
                  for kind, topic in stack.states.items()]
+    rows += [Interface(node, 'sub', f'{member}/{source.topic}', source.kind.replace('/', '/msg/'),
+                       describe_qos(SENSOR), f'with `<uav>.reference` {name}: where the local '
+                       'frame of the vehicle begins')
+             for node, member in (('planner', '<uav>'), ('relay', '<vehicle>'))
+             for name, source in REFERENCES.items()]
     return rows
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 import math
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
@@ -27,6 +27,7 @@ _IGNORE_ACCELERATION = 64 + 128 + 256
 _IGNORE_YAW_RATE = 2048
 _ZERO = (0.0, 0.0, 0.0)
 _NAN = (math.nan,) * 3
+_EARTH_CENTRED = 1e6  # m, far above any place in degrees and below the radius of the Earth.
 _POSE_NED = 1
 _VELOCITY_NED, _VELOCITY_BODY = 1, 3
 
@@ -62,11 +63,6 @@ class Setpoint:
                     low <= number <= high for number in np.atleast_1d(value).tolist()):
                 raise OptionError(
                     f'{name} is {quote(value)}; it must be from {low:g} to {high:g}', (name,))
-
-    def shift_origin(self, origin: Sequence[float]) -> 'Setpoint':
-        """Return the setpoint in a frame with its origin at (x, y, z) in m and equal axes."""
-        x, y, z = (value - offset for value, offset in zip(self.position, origin, strict=True))
-        return replace(self, position=(x, y, z))
 
     def hold(self) -> 'Setpoint':
         """Return the setpoint at rest; its stamp stays, as a later one may be before now."""
@@ -243,6 +239,60 @@ STACKS = {
          'geometry_msgs/TwistStamped': 'self_localization/twist'}, aerostack2_odometry),
 }
 """Each Stack by its name."""
+
+
+class Reference(NamedTuple):
+    """
+    Where the local frame of a vehicle begins.
+
+    :param latitude: in degrees.
+    :param longitude: in degrees.
+    :param resets: numbers that change when the estimator is reset.
+    """
+
+    latitude: float
+    longitude: float
+    resets: tuple[int, ...] = ()
+
+
+class ReferenceSource(NamedTuple):
+    """The message of a Reference, as Stack describes messages, and what reads it."""
+
+    package: str
+    source: str
+    kind: str
+    topic: str
+    read: Callable[[Any], Reference]
+    debian: str = ''
+
+
+def px4_reference(report: Any) -> Reference:
+    """Return that in px4_msgs/VehicleLocalPosition, or raise a PoseError if it is not valid."""
+    if not (report.xy_valid and report.xy_global):
+        raise PoseError(f'xy_valid is {report.xy_valid} and xy_global is {report.xy_global}; '
+                        'both must be true')
+    return Reference(report.ref_lat, report.ref_lon, (
+        report.ref_timestamp, report.xy_reset_counter, report.z_reset_counter))
+
+
+def mavros_reference(report: Any) -> Reference:
+    """Return that in geographic_msgs/GeoPointStamped, or raise a PoseError for metres in it."""
+    place = report.position
+    if math.hypot(place.latitude, place.longitude, place.altitude) > _EARTH_CENTRED:
+        raise PoseError('its position is earth-centred (ECEF) in m, as MAVROS before 2024 sends '
+                        'it, and must be in degrees; use a newer MAVROS, or <uav>.origin')
+    return Reference(place.latitude, place.longitude)
+
+
+REFERENCES = {
+    'px4': ReferenceSource(
+        'px4_msgs', STACKS['px4'].source, 'px4_msgs/VehicleLocalPosition',
+        'fmu/out/vehicle_local_position', px4_reference),
+    'mavros': ReferenceSource(
+        'geographic_msgs', 'https://github.com/ros-geographic-info/geographic_info',
+        'geographic_msgs/GeoPointStamped', 'mavros/global_position/gp_origin', mavros_reference,
+        debian='ros-jazzy-geographic-msgs')}
+"""Each ReferenceSource by its name."""
 
 
 def _header(setpoint: Setpoint) -> Fields:

@@ -42,7 +42,7 @@ __all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_proce
            'SecurePlanner')
 
 _RECEIVER_FIELDS = ('ground_node', 'eavesdroppers', 'ground_node_track', 'reference_snr_db',
-                    'channel', 'colluding')
+                    'channel', 'colluding', 'origin')
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s
 _MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.

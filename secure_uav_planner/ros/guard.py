@@ -1,6 +1,7 @@
 """Guard of the setpoints for an autopilot, so that none of them jumps."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 import math
 
 from ..errors import OptionError
@@ -46,10 +47,27 @@ class Guard:
         self._last_passed = 0
         self._last_arrived = 0  # The last setpoint with a present stamp, passed or not.
         self._vehicle: tuple[Vector, int] | None = None  # Its position, and the time of that.
+        self._has_moved = False  # The frame, since a setpoint has passed.
 
     def note_position(self, place: Vector, now: int) -> None:
         """Note the position of the vehicle, in the frame of the setpoints."""
         self._vehicle = place, now
+
+    def change_frame(self, convert: Callable[[Vector], Vector]) -> None:
+        """
+        Go on in another frame of the vehicle, from the same last place.
+
+        The next setpoint must be where the vehicle is by then, if that is checked at all.
+
+        :param convert: converts a position in the frame until now.
+        """
+        self._vehicle, self._has_moved = None, True
+        if self._last is not None:
+            self._last = replace(self._last, position=convert(self._last.position))
+
+    def note_arrival(self, now: int) -> None:
+        """Note that a setpoint has come that cannot be converted; the last place is held."""
+        self._last_arrived = now
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
         """Note a setpoint, or raise an OptionError with the reason to refuse it."""
@@ -60,16 +78,14 @@ class Guard:
         last = self._last if _within(self._last_arrived, now, limits.timeout) else None
         self._last_arrived = now
         _check_motion(setpoint, limits)
-        if last is None:
-            problem = self._explain_start(setpoint, now, limits) if limits.start_tolerance else ''
-        else:
-            problem = _explain_jump(last, setpoint, limits)
-            if problem and limits.start_tolerance and not (
-                    self._explain_start(setpoint, now, limits)):
-                problem = ''  # Another stream begins, at the vehicle.
+        problem = _explain_jump(last, setpoint, limits) if last is not None else ''
+        if limits.start_tolerance and (problem or last is None or self._has_moved):
+            distant = self._explain_start(setpoint, now, limits)
+            # At the vehicle, another stream may begin.
+            problem = distant and (distant if last is None or self._has_moved else problem)
         if problem:
             raise OptionError(problem)
-        self._last, self._last_passed = setpoint, now
+        self._last, self._last_passed, self._has_moved = setpoint, now, False
 
     def _explain_start(self, setpoint: Setpoint, now: int, limits: Limits) -> str:
         """Return the reason why a stream cannot begin with a setpoint, or an empty string."""

@@ -6,10 +6,12 @@ are therefore converted with float() or int() here.
 """
 
 import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from itertools import pairwise
 import math
+from pathlib import Path as FilePath
+import sys
 from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
@@ -18,6 +20,7 @@ from geometry_msgs.msg import (
     Point, Pose, PoseStamped, Quaternion, Transform, Twist, Vector3)
 from nav_msgs.msg import Odometry, Path
 import numpy as np
+import rclpy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
@@ -25,11 +28,11 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from .cdr import digest
-from ..errors import OptionError
+from ..errors import brief, OptionError, ParameterError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
-from ..output.autopilots import rotation, Setpoint, Vector
+from ..output.autopilots import ReferenceSource, rotation, Setpoint, Stack, Vector
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, label_position, list_ways, MARGIN, NO_FLY_ZONE, node_color,
     node_labels, uav_color)
@@ -200,6 +203,25 @@ def message_class(kind: str) -> Any:
     """Return the class of a message by its name, such as 'nav_msgs/Path'."""
     package, name = kind.split('/')
     return getattr(import_module(f'{package}.msg'), name)
+
+
+def import_messages(parameter: str, value: str, source: Stack | ReferenceSource,
+                    kinds: Iterable[str]) -> list[Any]:
+    """
+    Return the classes of messages by their names.
+
+    :param source: says how to get their package.
+    :raises ParameterError: for a parameter with a value that needs them, if it is missing.
+    """
+    try:
+        return [message_class(kind) for kind in kinds]
+    except (ImportError, AttributeError) as error:
+        way = (f'apt install {source.debian}' if source.debian else
+               f'build {source.source} in your workspace with colcon, and source that')
+        if FilePath(rclpy.__file__).is_relative_to(sys.prefix):
+            way = f'ROS from wheels cannot have it; run the node with ROS from apt: {way}'
+        raise ParameterError(f'parameter {parameter} is {value}: its message package '
+                             f'{source.package} is missing ({brief(error, 100)}); {way}') from None
 
 
 def fill_message(message: Any, values: Mapping[str, Any]) -> Any:

@@ -12,6 +12,7 @@ import yaml
 
 from ..errors import brief, ParameterError, quote
 from ..mission.fields import COORDINATE, get_check, Number, Pair
+from ..mission.geography import Origin
 from ..mission.participants import Propulsion
 from ..mission.scenario import Scenario
 
@@ -23,7 +24,7 @@ _MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one p
 METHOD_DEFAULT = 'default'
 """The objective that the method maximises by itself."""
 
-NO_LOS, NO_PROPULSION = 'none', 'none'
+NO_LOS = NO_ORIGIN = NO_PROPULSION = NO_REFERENCE = 'none'
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def _read_specs(section: str, prefix: str = '', index: int = 0) -> dict[str, Spe
     :param index: of the UAV of the paper, or the last one, whose values are the defaults.
     """
     owners = {'Scenario': _PAPER, 'Channel': _PAPER.channel, 'Propulsion': Propulsion(),
-              'Eavesdropper': _PAPER.eavesdroppers[0],
+              'Eavesdropper': _PAPER.eavesdroppers[0], 'Origin': Origin(0.0, 0.0),
               'Uav': _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]}
     return {f'{prefix}{name}': _read_spec(row, owners) for name, row in _TABLE[section].items()}
 

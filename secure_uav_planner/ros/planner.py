@@ -28,6 +28,7 @@ from .parameters import PLANNER, planner_member_parameters
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
+from .references import LocalFrames
 from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
 from .settings import (
     check_mission_parameters, check_plan_file, load_plan, save_plan, Settings)
@@ -55,7 +56,10 @@ class Planner(Node):
             self, PLANNER, check_mission_parameters, planner_member_parameters)
         check_plan_file(self._settings.snapshot())
         self._uavs = self._settings['uavs']
-        self._poses = PoseBook(Frames(self).transform)
+        self._local_frames = LocalFrames(
+            self, self._settings, {name: name for name in self._uavs},
+            lambda *_: self._publish_status())
+        self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
         self._inputs = PoseInputs(self._poses, self.get_logger())
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
@@ -322,6 +326,7 @@ class Planner(Node):
             self._state.count(count, 'restored: ' if is_restored else '')
         now = self._now()
         self._state.keep(plan)
+        self._local_frames.moves.clear()
         self._tracking.add_plan(plan, now, clock, begin)
         self._replanning.end(now, begin)
         if not is_restored:
@@ -367,7 +372,7 @@ class Planner(Node):
         problems, tracks = self._tracking.status(settings, now)
         level, text = level_and_text(
             self._state.outcome, [
-                *self._poses.problems(settings, now), *problems,
+                *self._poses.problems(settings, now), *self._local_frames.problems, *problems,
                 *filter(None, [self._replan_problem, warn_of_namesakes(self)])], progress)
         if plan is not None and plan.scenario.has_tracks:
             tracks['plan.promised_until'] = self._tracking.promised_until(plan)

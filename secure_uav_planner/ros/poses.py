@@ -1,6 +1,6 @@
 """The last valid pose of each topic, in the frame of the planner."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 import math
 from typing import Any
@@ -17,7 +17,7 @@ from ..mission.fields import COORDINATE, find_range, Number, Point, RADIUS
 from ..mission.participants import Uav
 from ..mission.tracks import MAX_SPEED
 from ..mission.validation import Array
-from ..output.autopilots import rotation
+from ..output.autopilots import rotation, Vector
 
 # s between the positions that give the velocity of a UAV without odometry.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
@@ -89,11 +89,13 @@ class PoseBook:
     values of the planner's parameters by name, and `now` is the node's time in s.
 
     :param transform: returns a message in another frame, or raises a PoseError.
+    :param to_mission: converts a position in the local frame of a UAV, by its name, or likewise.
     :ivar on_set_back: called when the clock has been set back.
     """
 
-    def __init__(self, transform: Callable[[Message, str], Message] = refuse_frame) -> None:
-        self._transform = transform
+    def __init__(self, transform: Callable[[Message, str], Message] = refuse_frame,
+                 to_mission: Callable[[str, Vector], Vector] = lambda name, place: place) -> None:
+        self._transform, self._to_mission = transform, to_mission
         self.on_set_back: Callable[[], None] = lambda: None
         self._poses: dict[str, KnownPose] = {}
         self._refusals: dict[str, PoseError] = {}  # Since the last valid pose of the topic.
@@ -118,13 +120,22 @@ class PoseBook:
         try:
             if message.header.frame_id != settings['frame_id']:
                 message = self._transform(message, settings['frame_id'])
-            pose = read_pose(topic, message, settings, now, arrived)
+            pose = self._read(topic, message, settings, now, arrived)
         except PoseError as error:
             self._refusals[topic] = error
             raise
         self._refusals.pop(topic, None)
         self._keep(topic, pose, has_velocity=not isinstance(message, PoseStamped))
         return self._note_motion(topic, settings, now)
+
+    def _read(self, topic: str, message: Message, settings: Mapping[str, Any], now: float,
+              arrived: float) -> KnownPose:
+        pose = read_pose(topic, message, settings, now, arrived)
+        name = topic.partition('/')[0]
+        if name not in settings['uavs']:
+            return pose
+        x, y, height = self._to_mission(name, (*pose.position, pose.height))
+        return replace(pose, position=(x, y), height=height)
 
     def follow_clock(self, now: float) -> None:
         """Note the time; forget all poses if the clock has been set back."""
@@ -286,11 +297,9 @@ def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: fl
         covariance = _horizontal_covariance(message.pose.covariance, 'x and y')
     # Without rclpy's Time, which raises an error for times before 1970.
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or arrived
-    origin: Sequence[float] = settings[f'{name}.origin'] if is_uav else (0.0, 0.0, 0.0)
-    x, y, height = (getattr(pose.position, axis) + shift
-                    for axis, shift in zip('xyz', origin, strict=True))
-    read = KnownPose(header.frame_id, (x, y), height, covariance, stamp, now, velocity,
-                     velocity_covariance)
+    place = pose.position
+    read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,
+                     velocity, velocity_covariance)
     _check_sizes(read, settings)
     return read
 

@@ -1,28 +1,28 @@
 """The relay node: setpoints in the messages of an autopilot's stack, and odometry back from it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 import math
-from operator import add
-from pathlib import Path
-import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
-import rclpy
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits
-from .messages import fill_message, message_class, read_setpoint
+from .messages import diagnostic_status, fill_message, import_messages, read_setpoint
 from .parameters import RELAY, relay_member_parameters
 from .process import run_node
-from .settings import Settings
+from .references import LocalFrames
+from .settings import check_references, Settings
 from .topics import (
     Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
 from ..errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
-from ..output.autopilots import rotation, Stack, STACKS, Vector
+from ..output.autopilots import rotation, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s
 _WARN_AGAIN = 5.0  # s
@@ -36,7 +36,10 @@ class Relay(Node):
         self._settings = Settings(self, RELAY, _check, relay_member_parameters)
         uavs = self._settings['uavs']
         self._stack = STACKS[self._settings['stack']]
-        self._kinds = _message_classes(self._settings['stack'], self._stack)
+        names = [*(f'{self._stack.package}/{kind}' for kind in self._stack.topics),
+                 *self._stack.states]
+        self._kinds = dict(zip([*self._stack.topics, *self._stack.states], import_messages(
+            'stack', self._settings['stack'], self._stack, names), strict=True))
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
         self._is_enabled = True
         self._guard_by_uav = {name: Guard() for name in uavs}
@@ -44,14 +47,19 @@ class Relay(Node):
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._states: dict[str, dict[str, Any]] = {name: {} for name in uavs}
-        self._odometry = publishers(self, TOPICS['relay', 'pub'], uavs) if (
-            self._settings['publish_odometry']) else {}
+        topics = dict(TOPICS['relay', 'pub'])
+        if not self._settings['publish_odometry']:
+            del topics['<uav>/odom']
+        self._node_outputs = publishers(self, topics, uavs)
         subscribe(self, TOPICS['relay', 'sub'], self._on_setpoint, self.default_callback_group,
                   uavs)
-        for name, vehicle in zip(uavs, self._settings['vehicles'] or uavs, strict=True):
+        vehicles = dict(zip(uavs, self._settings['vehicles'] or uavs, strict=True))
+        for name, vehicle in vehicles.items():
             self._connect(name, vehicle)
+        self._frames = LocalFrames(self, self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
+        self.create_timer(1.0, self._publish_diagnostics, clock=timer_clock(self))
         self._settings.warn_of_unknown()
         if not self._settings['start_tolerance']:
             self.get_logger().warning(
@@ -88,6 +96,10 @@ class Relay(Node):
         return True, ('setpoints are passed on' if is_enabled else
                       'nothing is sent until ~/enable is called with true')
 
+    def _on_frame_change(self, name: str, convert: Callable[[Vector], Vector] | None) -> None:
+        if convert is not None:
+            self._guard_by_uav[name].change_frame(convert)
+
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
         if not self._is_enabled:
             return
@@ -99,11 +111,15 @@ class Relay(Node):
             if message.header.frame_id != self._settings['frame_id']:
                 raise OptionError(f'frame_id is {quote(message.header.frame_id)}; it must be '
                                   f'{quote(self._settings["frame_id"])}')
+            setpoint = read_setpoint(message)
             # Guarded in the vehicle's frame, so that a change of the origin counts as a jump, too.
-            setpoint = read_setpoint(message).shift_origin(self._settings[f'{name}.origin'])
+            setpoint = replace(setpoint, position=self._frames.to_local(name, setpoint.position))
             fields = self._stack.fields(setpoint, now)
             self._guard_by_uav[name].take(setpoint, now, self._limits(name))
+            self._frames.moves.pop(name, None)
         except PlanningError as error:
+            if isinstance(error, PoseError):
+                self._guard_by_uav[name].note_arrival(now)
             self._loggers[name].warning(
                 f'a setpoint of {name} is not relayed: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
@@ -123,6 +139,14 @@ class Relay(Node):
                     throttle_duration_sec=_WARN_AGAIN)
                 self._publish(name, self._stack.fields(held, now))
 
+    def _publish_diagnostics(self) -> None:
+        problems = self._frames.problems
+        self._node_outputs['/diagnostics'].publish(DiagnosticArray(
+            header=Header(stamp=self.get_clock().now().to_msg()), status=[diagnostic_status(
+                f'{self.get_fully_qualified_name().lstrip("/")}: local frames',
+                DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
+                '; '.join(problems) or 'known', {})]))
+
     def _publish(self, name: str, fields: Mapping[str, Mapping[str, Any]]) -> None:
         for kind, values in fields.items():
             self._outputs[name][kind].publish(fill_message(self._kinds[kind](), values))
@@ -141,22 +165,23 @@ class Relay(Node):
             self._guard_by_uav[name].note_position(place, self._now)
             _read_finite('orientation', pose.orientation, 'xyzw')
             _read_finite('velocity', odometry.twist.twist.linear, 'xyz')
+            place = self._frames.to_mission(name, place)
         except PlanningError as error:
             self._loggers[name].warning(
                 f'what {name} reports of itself is not used: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
             return
-        if self._odometry:
+        if f'{name}/odom' in self._node_outputs:
             self._publish_odometry(name, odometry, place)
 
     def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
         header, position = odometry.header, odometry.pose.pose.position
-        position.x, position.y, position.z = map(add, place, self._settings[f'{name}.origin'])
+        position.x, position.y, position.z = place
         header.frame_id = self._settings['frame_id']
         odometry.child_frame_id = f'{name}/base_link'
         if not (header.stamp.sec or header.stamp.nanosec):
             header.stamp = self.get_clock().now().to_msg()
-        publisher = self._odometry[f'{name}/odom']
+        publisher = self._node_outputs[f'{name}/odom']
         publisher.publish(odometry)
         if self.count_publishers(publisher.topic_name) > 1:
             self._loggers[name].warning(
@@ -173,25 +198,6 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
     return values
 
 
-def _message_classes(name: str, stack: Stack) -> dict[str, type]:
-    """Return the message classes of a stack by their names there."""
-    try:
-        return {**{kind: message_class(f'{stack.package}/{kind}') for kind in stack.topics},
-                **{kind: message_class(kind) for kind in stack.states}}
-    except (ImportError, AttributeError) as error:
-        raise ParameterError(
-            f'parameter stack is {name}: its message package {stack.package} is missing '
-            f'({brief(error, 100)}); {_installation_advice(stack)}') from None
-
-
-def _installation_advice(stack: Stack) -> str:
-    way = (f'apt install {stack.debian}' if stack.debian else
-           f'build {stack.source} in your workspace with colcon, and source that')
-    if Path(rclpy.__file__).is_relative_to(sys.prefix):
-        return f'ROS from wheels cannot have it; run the relay with ROS from apt: {way}'
-    return way
-
-
 def _check(values: Mapping[str, Any]) -> None:
     vehicles, uavs = values['vehicles'], values['uavs']
     for name in ('uavs', 'vehicles'):
@@ -200,6 +206,7 @@ def _check(values: Mapping[str, Any]) -> None:
     if vehicles and len(vehicles) != len(uavs):
         raise ParameterError(f'vehicles is {quote(vehicles)}; it must be empty or have a name for '
                              f'each of uavs, which is {quote(uavs)}')
+    check_references(values)
 
 
 main = partial(run_node, Relay)

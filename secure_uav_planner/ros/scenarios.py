@@ -14,7 +14,7 @@ from .parameters import SCENARIO_FIELDS
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
-from .settings import airspace_from, channel_from, uav_from
+from .settings import airspace_from, channel_from, origin_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
@@ -147,8 +147,9 @@ def explain_infeasible(settings: Mapping[str, Any]) -> str:
 def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mapping[str, Any]
               ) -> Scenario:
     return Scenario(
-        uavs=tuple(uavs), channel=channel_from(settings), origin=settings['origin'], **receivers,
-        **airspace_from(settings), **{field: settings[field] for field in SCENARIO_FIELDS})
+        uavs=tuple(uavs), channel=channel_from(settings), origin=origin_from(settings),
+        **receivers, **airspace_from(settings),
+        **{field: settings[field] for field in SCENARIO_FIELDS})
 
 
 def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,

@@ -14,9 +14,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
-    EMPTY_VALUES, METHOD_DEFAULT, NO_LOS, NO_PROPULSION, PROPULSION_FIELDS, Spec, UAV_FIELDS)
+    EMPTY_VALUES, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE,
+    PROPULSION_FIELDS, Spec, UAV_FIELDS)
 from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
 from ..mission import Objective
+from ..mission.geography import Origin
 from ..mission.participants import NoFlyZone, Propulsion
 from ..mission.polygons import checked_polygon
 from ..mission.propagation import Channel
@@ -48,8 +50,7 @@ class Settings:
                      lambda values: {})) -> None:
         self._specs: dict[str, Spec] = {}
         self._check = check
-        # Of the mission file; the tracks by receiver.
-        self._values: dict[str, Any] = {'tracks': {}, 'origin': None}
+        self._values: dict[str, Any] = {'tracks': {}}  # By receiver, of the mission file.
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
@@ -71,8 +72,7 @@ class Settings:
                 name, self._values[name], spec.descriptor(), ignore_override=True)
             if name == 'mission_file' and value:  # It is declared first.
                 self._mission_values = load_mission(value)
-                for field in ('tracks', 'origin'):
-                    self._values[field] = self._mission_values.pop(field)
+                self._values['tracks'] = self._mission_values.pop('tracks')
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -124,6 +124,25 @@ def check_mission_parameters(values: Mapping[str, Any]) -> None:
         uav_from(values, name)
     airspace_from(values)
     channel_from(values)
+    check_references(values)
+
+
+def check_references(values: Mapping[str, Any]) -> None:
+    """Raise a PlanningError for a `<uav>.reference` with which nothing can be converted."""
+    origin = origin_from(values)
+    for name in values['uavs']:
+        reference, own = values[f'{name}.reference'], values[f'{name}.origin']
+        if reference == NO_REFERENCE:
+            continue
+        if origin is None or reference == 'px4' != origin.projection:
+            raise ParameterError(
+                f'{name}.reference is {reference} and origin.projection is '
+                f'{values["origin.projection"]}; it must be '
+                f'{"px4" if reference == "px4" else "px4 or ardupilot"}, and origin.latitude and '
+                'origin.longitude say where the mission is')
+        if any(own[:2]):
+            raise ParameterError(f'{name}.origin is {quote(own)}; with {name}.reference, x and y '
+                                 'must be 0')
 
 
 def check_plan_file(values: Mapping[str, Any]) -> None:
@@ -198,6 +217,14 @@ def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
             'geofence': checked_polygon('', 'geofence', fence) if fence else None}
 
 
+def origin_from(values: Mapping[str, Any]) -> Origin | None:
+    """Return the Origin of the parameter values, or None if there is none."""
+    if values['origin.projection'] == NO_ORIGIN:
+        return None
+    return Origin(*(values[f'origin.{field}'] for field in (
+        'latitude', 'longitude', 'projection')))
+
+
 def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
     """Return x1, y1, x2, y2, ... as points."""
     if len(numbers) % 2:
@@ -221,13 +248,15 @@ def load_mission(file: str) -> dict[str, Any]:
 
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
-    """Return the values of a mission by parameter, its tracks by receiver, and its origin."""
+    """Return the values of a mission by parameter, and its tracks by receiver."""
     if mission.ground_node is None:
         raise ScenarioError(
             f'ground_nodes are named {quote(list(mission.ground_node_names))}; the planner node '
             'plans for a single ground_node', ('ground_nodes',))
-    data = asdict(mission) | {'origin': mission.origin}
+    data = asdict(mission)
     del data['ground_nodes']
+    if mission.origin is None:
+        del data['origin']
     tracks = {'ground_node': data.pop('ground_node_track'),
               **{name: eve.pop('track') for name, eve in zip(
                   mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}

@@ -104,7 +104,9 @@ TOPICS = {
             'one point: position, yaw and, where known, velocity and acceleration')},
     ('relay', 'pub'): {
         '<uav>/odom': Topic(Odometry, STREAM,
-                            'what the autopilot reports, in the frame of the plan')},
+                            'what the autopilot reports, in the frame of the plan'),
+        '/diagnostics': Topic(DiagnosticArray, STREAM, 'whether the local frames of the vehicles '
+                              'are known, and have moved, once a second')},
 }
 """Every Topic by its node and direction, but for those of the relay's stacks."""
 

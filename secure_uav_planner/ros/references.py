@@ -1,0 +1,127 @@
+"""Where the local frame of each vehicle begins: by parameter, or as its autopilot reports it."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+import math
+from typing import Any
+
+from rclpy.node import Node
+
+from .messages import import_messages
+from .settings import origin_from, Settings
+from .topics import OVERRIDABLE, SENSOR
+from ..errors import brief, PlanningError, PoseError
+from ..mission.geography import Origin
+from ..output.autopilots import Reference, REFERENCES, Vector
+
+
+class LocalFrames:
+    """
+    Converts positions between the frame of the mission and the local frames of the vehicles.
+
+    A frame begins at `<uav>.origin`, or with `<uav>.reference` at a place on Earth; its height is
+    that of `<uav>.origin` in any case.
+
+    :param settings: of the node.
+    :param vehicles: the namespace of each vehicle by the name of its UAV.
+    :param on_change: called when what is known of the frame of a UAV changes, with its name and,
+        if it has moved or its estimator has been reset, a function from positions in its last
+        frame to those in its new one.
+    :ivar moves: what has happened to the frame of each UAV, in words; until it is cleared.
+    :raises ParameterError: if the message package of a reference is missing.
+    """
+
+    def __init__(self, node: Node, settings: Settings, vehicles: Mapping[str, str],
+                 on_change: Callable[[str, Callable[[Vector], Vector] | None], None]) -> None:
+        self._settings, self._log, self._on_change = settings, node.get_logger(), on_change
+        self._origin = origin_from(settings)
+        self._references: dict[str, Reference] = {}
+        self._frames: dict[str, Origin] = {}
+        self._unknown: dict[str, str] = {}  # Why, by UAV.
+        self.moves: dict[str, str] = {}
+        for name, vehicle in vehicles.items():
+            source = REFERENCES.get(settings[f'{name}.reference'])
+            if source is not None:
+                topic = f'{vehicle}/{source.topic}'
+                self._unknown[name] = f'where its frame begins has not come on {topic}'
+                kind, = import_messages(
+                    f'{name}.reference', settings[f'{name}.reference'], source, [source.kind])
+                node.create_subscription(
+                    kind, topic, partial(self._on_message, name, source.read), SENSOR,
+                    qos_overriding_options=OVERRIDABLE)
+
+    def to_local(self, name: str, place: Vector) -> Vector:
+        """
+        Convert a position in the frame of the mission, (x, y, z) in m, to that of a UAV's vehicle.
+
+        :raises PoseError: while it is not known where that begins.
+        """
+        x, y, z = (value - shift for value, shift in zip(place, self._shift(name), strict=True))
+        frame = self._frame(name)
+        return (x, y, z) if frame is None else _convert((x, y, z), self._origin, frame)
+
+    def to_mission(self, name: str, place: Vector) -> Vector:
+        """Convert a position in the local frame of a UAV's vehicle; the inverse of to_local."""
+        frame = self._frame(name)
+        place = place if frame is None else _convert(place, frame, self._origin)
+        x, y, z = (value + shift for value, shift in zip(place, self._shift(name), strict=True))
+        return (x, y, z)
+
+    @property
+    def problems(self) -> list[str]:
+        """Problems of the frames in words."""
+        return [*map(self._explain, self._unknown), *self.moves.values()]
+
+    def _shift(self, name: str) -> Vector:
+        x, y, z = self._settings[f'{name}.origin']
+        return (x, y, z)
+
+    def _frame(self, name: str) -> Origin | None:
+        """Return where the frame of a UAV begins on Earth; None if that is not asked for."""
+        if name in self._unknown:
+            raise PoseError(self._explain(name))
+        return self._frames.get(name)
+
+    def _explain(self, name: str) -> str:
+        return f'the local frame of {name} is not known: {self._unknown[name]}'
+
+    def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
+        try:
+            reference = read(message)
+            if reference == self._references.get(name) and name not in self._unknown:
+                return
+            frame = self._locate(reference)
+        except PlanningError as error:
+            if self._unknown.get(name) != brief(error):
+                self._unknown[name] = brief(error)
+                self._log.warning(self._explain(name), throttle_duration_sec=1.0)
+                self._on_change(name, None)
+            return
+        before, last = self._frames.get(name), self._references.get(name)
+        self._unknown.pop(name, None)
+        self._references[name], self._frames[name] = reference, frame
+        if before is None:
+            self._log.info('the local frame of {} begins at ({:.2f}, {:.2f}) m'.format(
+                name, *self.to_mission(name, (0.0, 0.0, 0.0))))
+        if before is None or reference == last:
+            self._on_change(name, None)
+            return
+        distance = math.hypot(*_convert((0.0, 0.0, 0.0), frame, before)[:2])
+        self.moves[name] = (
+            f'the local frame of {name} has moved by {distance:.2f} m' if distance else
+            f'the position estimator of {name} has been reset')
+        self._log.warning(self.moves[name])
+        self._on_change(name, lambda place: _convert(place, before, frame))
+
+    def _locate(self, reference: Reference) -> Origin:
+        """Return where a frame begins, or raise an error for a place far from the mission."""
+        assert self._origin is not None
+        self._origin.to_local(reference.latitude, reference.longitude)
+        return Origin(reference.latitude, reference.longitude, self._origin.projection)
+
+
+def _convert(place: Vector, source: Origin | None, target: Origin | None) -> Vector:
+    """Return a position in the frame of one origin in that of another."""
+    assert source is not None and target is not None
+    x, y = target.to_local(*source.to_geographic(*place[:2]))
+    return (float(x), float(y), place[2])
