@@ -41,9 +41,9 @@ def find_interior(scenario, slots):
 
 def first_starts(scenario, slots):
     """Return a grid and its first batch of starts, (S, N, U, 3), with barrier parameters."""
-    problem = Problem(replace(scenario, slots=slots))
-    return problem.grid, next(generate_starts(
-        problem.grid, problem, fly_hover_fly_positions(problem)))
+    problem = Problem(scenario)
+    grid = problem.grid.with_slots(slots)
+    return grid, next(generate_starts(grid, problem, fly_hover_fly_positions(problem)))
 
 
 def smallest_slack(grid, x):
@@ -180,7 +180,7 @@ def test_arrays_of_discs_of_a_wrong_shape_or_layout_are_refused():
 
 
 def test_threads_run_during_a_long_step_and_check_can_stop_it():
-    grid, (x, _) = first_starts(Scenario.paper(), 20000)
+    grid, (x, _) = first_starts(Scenario.paper(slots=20000), 20000)
     x = x[:2]
     x = np.concatenate([x] * 8)
     counts, counter, done = [], [0], threading.Event()
@@ -214,14 +214,14 @@ def test_threads_run_during_a_long_step_and_check_can_stop_it():
 
 
 def test_variables_of_a_wrong_shape_are_refused():
-    grid, (x, mu) = first_starts(Scenario.paper(), 5)
+    grid, (x, mu) = first_starts(Scenario.paper(slots=5), 5)
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
             InteriorPointSolver(grid, wrong, 0.1)
 
 
 def test_a_start_with_nan_fails_alone():
-    grid, (x, mu) = first_starts(Scenario.paper(), 5)
+    grid, (x, mu) = first_starts(Scenario.paper(slots=5), 5)
     x = x[:3].copy()
     x[1, 2] = np.nan
     barrier = InteriorPointSolver(grid, x, mu[:3])
