@@ -12,14 +12,14 @@ import math
 import reprlib
 from typing import Any, ClassVar, TypeAlias
 
-Place: TypeAlias = tuple[str | int, ...]
+FieldPath: TypeAlias = tuple[str | int, ...]
 """Path of a value: names of fields, and indices in lists."""
 
 
-def format_place(place: Place) -> str:
-    """Format a place as a string, such as `uavs[1].max_speed`."""
+def format_path(path: FieldPath) -> str:
+    """Format a path as a string, such as `uavs[1].max_speed`."""
     return ''.join(f'[{part}]' if isinstance(part, int) else f'.{part}'
-                   for part in place).removeprefix('.')
+                   for part in path).removeprefix('.')
 
 
 class PlanningError(Exception):
@@ -36,24 +36,24 @@ class PlanningError(Exception):
     def __init_subclass__(cls, code: str | None = None) -> None:
         cls.code = code or cls.code
 
-    def __init__(self, text: object = '', place: Place = ()) -> None:
+    def __init__(self, text: object = '', place: FieldPath = ()) -> None:
         super().__init__(text)
         self.place = place
 
     @property
     def field(self) -> str:
         """Path of the wrong field, such as `uavs[1].max_speed`, or an empty string."""
-        return format_place(self.place)
+        return format_path(self.place)
 
 
 @contextmanager
-def prefix_place(*place: str | int) -> Iterator[None]:
-    """Prefix the place of an error that leaves the with statement."""
+def prefix_path(*path: str | int) -> Iterator[None]:
+    """Prefix the path of an error that leaves the with statement."""
     try:
         yield
     except PlanningError as error:
         for item in (error, *getattr(error, 'further', ())):
-            item.place = (*place, *item.place)
+            item.place = (*path, *item.place)
         raise
 
 

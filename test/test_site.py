@@ -97,7 +97,7 @@ def test_every_function_and_method_of_the_api_has_its_return_type_and_no_interna
         part = text.split(f'id="{name}"')[1].split('<dt class="sig')[0]
         assert 'Return type' in part, name
     assert not {name for name in site['api.html'].anchors if name.rpartition('.')[2] in (
-        'prefix_place', 'format_place', 'quote', 'yaml_notation', 'Place', 'code_version')}
+        'prefix_path', 'format_path', 'quote', 'yaml_notation', 'FieldPath', 'code_version')}
 
 
 def test_every_page_is_in_the_site_and_in_its_table_of_contents(site):

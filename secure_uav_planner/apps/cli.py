@@ -15,7 +15,7 @@ from .. import __version__
 from ..errors import (
     brief, MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
     ScenarioError, StoppedError)
-from ..mission import METHODS, OBJECTIVES, PLACES
+from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES
 from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilot_limits import AUTOPILOTS
 
@@ -243,7 +243,8 @@ plan allows for.""", {
                     'help': 'how many worlds (default: %(default)s)'},
         '--seed': {'type': _parse_whole, 'default': 0, 'metavar': 'S',
                    'help': 'of the draws (default: %(default)s)'},
-        '--place': {'choices': PLACES, 'help': 'where each eavesdropper is: anywhere in its disc '
+        '--place': {'choices': LOCATION_MODELS,
+                    'help': 'where each eavesdropper is: anywhere in its disc '
                     '(the default), normal around its centre, in the ring of the width --beyond '
                     'around the disc, or at --positions'},
         '--beyond': _number_option('M', 'width of that ring'),

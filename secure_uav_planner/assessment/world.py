@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import OptionError, quote, ScenarioError
-from ..mission import Place, PLACES
+from ..mission import LOCATION_MODELS, LocationModel
 from ..mission.fields import (
     Block, Checked, checked_by, checked_fields, checked_point, Choice, FieldChecks, number, Point)
 from ..mission.propagation import Channel
@@ -54,7 +54,7 @@ class World(Checked):
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
-    place: Place = field(default='disc', metadata=checked_by(Choice(PLACES)))
+    place: LocationModel = field(default='disc', metadata=checked_by(Choice(LOCATION_MODELS)))
     covariance: tuple[Point, Point] | None = field(
         default=None, metadata=checked_by(_checked_pairs, 'm^2'))
     beyond: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))

@@ -12,10 +12,10 @@ Method: TypeAlias = Literal['joint', 'alternating']
 
 METHODS: tuple[Method, ...] = get_args(Method)
 
-Place: TypeAlias = Literal['disc', 'normal', 'beyond', 'fixed']
+LocationModel: TypeAlias = Literal['disc', 'normal', 'beyond', 'fixed']
 """The law by which an assessment draws the places of eavesdroppers."""
 
-PLACES: tuple[Place, ...] = get_args(Place)
+LOCATION_MODELS: tuple[LocationModel, ...] = get_args(LocationModel)
 
 Power: TypeAlias = Literal['constant', 'optimised']
 """The powers of fly_hover_fly."""

@@ -99,7 +99,7 @@ checked_point = Pair()
 
 
 def describe_degrees(value: object) -> str:
-    """Return what a place in degrees needs, as the end of a message; '' for any other value."""
+    """Describe the needs of a place in degrees for a message; '' for any other value."""
     if not isinstance(value, Mapping) or not {'latitude', 'longitude'} & set(value):
         return ''
     return (', or {latitude: , longitude: } in degrees, in the file of a mission with an origin, '

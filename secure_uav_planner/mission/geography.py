@@ -21,7 +21,7 @@ from ..errors import OptionError, quote
 _RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
 """Radius of the Earth in m of each projection."""
 
-_PLACES = {'ground_node', 'position', 'start', 'goal', 'vertices', 'geofence', 'track'}
+_POINT_FIELDS = {'ground_node', 'position', 'start', 'goal', 'vertices', 'geofence', 'track'}
 """Fields of a mission whose values are places, or have places in them."""
 
 _MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
@@ -52,25 +52,25 @@ class Origin(Checked):
         :param latitude: in degrees, from -90 to 90; of a shape that broadcasts with that of
             longitude, in degrees from -180 to 180.
         :return: distances to the east and to the north of the origin in m.
-        :raises OptionError: for places with other values, or more than 100 km from the origin.
+        :raises OptionError: for other places, or more than 100 km from the origin.
         """
         latitude = checked_array('latitude', latitude)
         longitude = checked_array('longitude', longitude)
         if not ((np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)).all():
             raise OptionError(f'latitude is {quote(latitude)} and longitude {quote(longitude)}; '
                               'they must be from -90 to 90 and -180 to 180 degrees')
-        own, other = np.radians(self.latitude), np.radians(latitude)
+        own, target = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':
-            cosine = np.sin(own) * np.sin(other) + np.cos(own) * np.cos(other) * np.cos(turn)
+            cosine = np.sin(own) * np.sin(target) + np.cos(own) * np.cos(target) * np.cos(turn)
             # The angle to its sine, 1 where both are 0.
             scale = _RADIUS['px4'] / np.sinc(np.arccos(np.clip(cosine, -1, 1)) / np.pi)
-            north = scale * (np.cos(own) * np.sin(other)
-                             - np.sin(own) * np.cos(other) * np.cos(turn))
-            east = scale * np.cos(other) * np.sin(turn)
+            north = scale * (np.cos(own) * np.sin(target)
+                             - np.sin(own) * np.cos(target) * np.cos(turn))
+            east = scale * np.cos(target) * np.sin(turn)
         else:
-            north = (other - own) * _RADIUS['ardupilot'] + 0 * turn
-            east = turn * _RADIUS['ardupilot'] * np.cos((other + own) / 2)
+            north = (target - own) * _RADIUS['ardupilot'] + 0 * turn
+            east = turn * _RADIUS['ardupilot'] * np.cos((target + own) / 2)
         _check_distance(east, north)
         return east, north
 
@@ -106,7 +106,7 @@ def _check_distance(east: Array, north: Array) -> None:
                           f'north; it must be at most {MAX_DISTANCE / 1e3:g} km')
 
 
-def convert_places(value: Any, origin: Origin, is_place: bool = False,
+def convert_points(value: Any, origin: Origin, is_point: bool = False,
                    levels: int = _MOST_LEVELS) -> Any:
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
@@ -115,16 +115,16 @@ def convert_places(value: Any, origin: Origin, is_place: bool = False,
     origin stays as it is; the checks of its field refuse it.
     """
     if isinstance(value, Mapping):
-        if is_place and set(value) == {'latitude', 'longitude'}:
+        if is_point and set(value) == {'latitude', 'longitude'}:
             with suppress(OptionError):
                 return [float(part) for part in origin.to_local(
                     to_number(value['latitude']), to_number(value['longitude']))]
         if levels:
-            return {name: convert_places(item, origin, name in _PLACES, levels - 1)
+            return {name: convert_points(item, origin, name in _POINT_FIELDS, levels - 1)
                     for name, item in value.items()}
     elif isinstance(value, (list, tuple)) and levels:
-        items = [convert_places(item, origin, is_place, levels - 1) for item in value]
-        if not is_place or not value or isinstance(value[0], (list, tuple, Mapping)):
+        items = [convert_points(item, origin, is_point, levels - 1) for item in value]
+        if not is_point or not value or isinstance(value[0], (list, tuple, Mapping)):
             return items
         return [part for given, item in zip(value, items) for part in (  # Of a knot.
             item if isinstance(given, Mapping) and isinstance(item, list) else [item])]

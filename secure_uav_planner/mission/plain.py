@@ -7,7 +7,7 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from .fields import Block, ErrorList, find_field_errors, raise_all, read_object
-from .geography import convert_places, Origin
+from .geography import convert_points, Origin
 from ..errors import quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def from_plain(kind: 'type[Scenario]', data: Any) -> 'Scenario':
         raise_all(find_field_errors(kind, data))
     values, errors = dict(data), ErrorList()
     with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
-        values = convert_places(values, Block(Origin)('', 'origin', values.get('origin')))
+        values = convert_points(values, Block(Origin)('', 'origin', values.get('origin')))
     with errors.collecting():
         values |= _split_ground_node(values.get('ground_node'))
     with errors.collecting():

@@ -85,7 +85,7 @@ class Channel(Checked):
 
     @property
     def los_numbers(self) -> tuple[float, float, float] | None:
-        """Return a, b and the extra loss in dB, or None for a line of sight everywhere."""
+        """Numbers a, b and the extra loss in dB, or None for a line of sight everywhere."""
         return ENVIRONMENTS[self.los] if isinstance(self.los, str) else self.los
 
     @property
@@ -115,12 +115,12 @@ class Channel(Checked):
 
     @property
     def is_inverse_square(self) -> bool:
-        """Return whether the gain is a constant / (d^2 + H^2), as in free space."""
+        """Whether the gain is a constant / (d^2 + H^2), as in free space."""
         return self.exponent == 2.0 and self.los is None
 
     @property
     def is_free_space(self) -> bool:
-        """Return whether this is the paper's channel: free space without fading."""
+        """Whether this is the paper's channel: free space without fading."""
         return self.is_inverse_square and self.outage is None
 
 

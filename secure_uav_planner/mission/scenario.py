@@ -358,7 +358,9 @@ class Scenario(Checked):
     @property
     def keep_apart(self) -> float:
         """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
-        return self.separation and self.separation + 2 * self.tracking_margin
+        if self.separation == 0.0:
+            return 0.0
+        return self.separation + 2 * self.tracking_margin
 
     @property
     def margin_text(self) -> str:

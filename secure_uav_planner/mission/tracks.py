@@ -121,4 +121,4 @@ def set_by_track(checks: FieldChecks, field: str, track: Track) -> None:
 
 def shift_track(track: Track | None, seconds: float) -> Track | None:
     """Return a track whose times count from a point 0 that is so many s later."""
-    return track and tuple((time - seconds, *rest) for time, *rest in track)
+    return None if track is None else tuple((time - seconds, *rest) for time, *rest in track)

@@ -8,7 +8,7 @@ from . import joint
 from .deadline import Deadline, OnIteration, run_to_end
 from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
-from ..errors import format_place, OptionError, Place, PlanningError, quote
+from ..errors import FieldPath, format_path, OptionError, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
@@ -170,7 +170,7 @@ def check_objective(method: str, objective: str | None = None) -> Objective:
 
 def _check_scope(scenario: Scenario) -> None:
     """Refuse a scenario that the alternating method cannot plan."""
-    limits: dict[Place, Any] = {
+    limits: dict[FieldPath, Any] = {
         ('no_fly_zones',): scenario.no_fly_zones, ('geofence',): scenario.geofence,
         ('separation',): scenario.separation,
         **{('uavs', number, field): getattr(uav, field)
@@ -178,18 +178,18 @@ def _check_scope(scenario: Scenario) -> None:
            for number, uav in enumerate(scenario.uavs)}}
     channel = scenario.channel
     gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)
-    place: Place = ()  # Of the field in a scenario.
+    path: FieldPath = ()  # Of the field in a scenario.
     nodes = scenario.ground_nodes
     if len(nodes) > 1 or nodes[0].weight != 1:
-        place = ('ground_nodes',)
+        path = ('ground_nodes',)
         reason = ('its objective is the mean rate of a single ground node of weight 1, and this '
                   f'scenario has {len(nodes)} ground_nodes')
     elif gains > MAX_GAINS:
         reason = (f'it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, and this scenario '
                   f'has {gains}')
-    elif place := next((place for place, limit in limits.items() if limit), ()):
+    elif path := next((path for path, limit in limits.items() if limit), ()):
         reason = ("it has the paper's limits, of speed and power, and this scenario has "
-                  f'{format_place(place)}')
+                  f'{format_path(path)}')
     elif not channel.is_inverse_square:
         reason = (
             'its convex restriction holds for a channel of exponent 2 and a line of sight '
@@ -199,4 +199,4 @@ def _check_scope(scenario: Scenario) -> None:
         reason = 'it counts with the best single eavesdropper, and the scenario is colluding'
     else:
         return
-    raise OptionError(f"method is 'alternating'; {reason}: use 'joint'", place)
+    raise OptionError(f"method is 'alternating'; {reason}: use 'joint'", path)

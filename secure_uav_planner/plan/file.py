@@ -7,7 +7,7 @@ import os
 from typing import Any, TYPE_CHECKING
 
 from .results import Bound, Iteration
-from ..errors import format_place, Place, PlanFileError, prefix_place, quote, yaml_notation
+from ..errors import FieldPath, format_path, PlanFileError, prefix_path, quote, yaml_notation
 from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import checked_fields, Scenario
 
@@ -83,7 +83,7 @@ def _read_document(document: object, kind: 'type[Plan]') -> 'Plan':
     for field in ('positions', 'powers', 'shares'):
         if values.get(field) is not None:
             _check_numbers(values[field], (field,))
-    with prefix_place('scenario'):
+    with prefix_path('scenario'):
         values['scenario'] = Scenario.from_dict(values['scenario'])
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
@@ -101,14 +101,14 @@ def _check_bound(plan: 'Plan', bound: Bound) -> None:
                             f'{bound.objective} rate, which is {rate!r} bit/s/Hz')
 
 
-def _check_numbers(values: object, place: Place) -> None:
+def _check_numbers(values: object, path: FieldPath) -> None:
     """Check that nested lists have only numbers, since NumPy converts strings as well."""
     if isinstance(values, list):
         for index, value in enumerate(values):
-            _check_numbers(value, (*place, index))
+            _check_numbers(value, (*path, index))
     elif isinstance(values, bool) or not isinstance(values, (int, float)):
         raise PlanFileError(
-            f'{format_place(place)} is {quote(values)}; it must be a number', place)
+            f'{format_path(path)} is {quote(values)}; it must be a number', path)
 
 
 def _read_iteration(entry: object) -> Iteration:

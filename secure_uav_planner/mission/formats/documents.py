@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from ..files import read_text
-from ...errors import MissionFileError, Place, quote
+from ...errors import FieldPath, MissionFileError, quote
 
 MOST_BYTES = 2**20
 """The largest file that is read: a mission with all its lists full takes a fifth of it."""
@@ -35,19 +35,19 @@ class Document:
     The content of a file.
 
     :param data: dictionaries, lists, strings, numbers, true, false and None.
-    :param lines: the line of each value by its place, as far as it could be determined.
+    :param lines: the line of each value by its path, as far as it could be determined.
     :param problems: errors of the file itself, such as a field that comes twice.
     """
 
     data: Any
-    lines: Mapping[Place, int]
+    lines: Mapping[FieldPath, int]
     problems: tuple[FileProblem, ...] = ()
 
-    def line(self, place: Place) -> int | None:
+    def line(self, path: FieldPath) -> int | None:
         """Return the line of a value, or else of the block it is in."""
-        while place and place not in self.lines:
-            place = place[:-1]
-        return self.lines.get(place)
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path)
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
@@ -169,36 +169,36 @@ class _Reader:
     """Converts YAML's nodes to plain values, and notes the line of each."""
 
     def __init__(self, loader: _Loader) -> None:
-        self.lines: dict[Place, int] = {}
+        self.lines: dict[FieldPath, int] = {}
         self.problems: list[FileProblem] = []
         self._loader = loader
         self._count = 0
 
-    def value(self, node: yaml.Node, place: Place) -> Any:
-        """Return the value of a node at a place."""
+    def value(self, node: yaml.Node, path: FieldPath) -> Any:
+        """Return the value of a node at a path."""
         self._count += 1
-        if self._count > MOST_VALUES or len(place) > _MOST_LEVELS:
+        if self._count > MOST_VALUES or len(path) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(
                 problem=f'it must have at most {MOST_VALUES} values in {_MOST_LEVELS} levels',
                 problem_mark=node.start_mark)
-        self.lines.setdefault(place, node.start_mark.line + 1)
+        self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, yaml.MappingNode):
-            return self._mapping(node, place)
+            return self._mapping(node, path)
         if isinstance(node, yaml.SequenceNode):
-            return [self.value(item, (*place, number)) for number, item in enumerate(node.value)]
+            return [self.value(item, (*path, number)) for number, item in enumerate(node.value)]
         try:
             return self._loader.construct_object(node)
         except (ValueError, OverflowError) as error:
             raise yaml.MarkedYAMLError(problem=str(error)[:100],
                                        problem_mark=node.start_mark) from None
 
-    def _mapping(self, node: yaml.MappingNode, place: Place) -> dict[str, Any]:
+    def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
         own: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:
             line = key.start_mark.line + 1
             if key.tag.endswith(':merge'):
-                for mapping in self._merge_sources(value, place):
+                for mapping in self._merge_sources(value, path):
                     merged = {**mapping, **merged}
                 continue
             name = self._loader.construct_object(key) if isinstance(key, yaml.ScalarNode) else None
@@ -208,13 +208,13 @@ class _Reader:
                 continue
             if name in own:
                 self.problems.append(FileProblem(line, f'{quote(name)} comes twice'))
-            self.lines[(*place, name)] = line
-            own[name] = self.value(value, (*place, name))
+            self.lines[(*path, name)] = line
+            own[name] = self.value(value, (*path, name))
         return {**merged, **own}
 
-    def _merge_sources(self, node: yaml.Node, place: Place) -> list[dict[str, Any]]:
+    def _merge_sources(self, node: yaml.Node, path: FieldPath) -> list[dict[str, Any]]:
         """Return the mappings that `<<` names; the fields beside it override theirs."""
-        sources = self.value(node, (*place, '<<'))
+        sources = self.value(node, (*path, '<<'))
         sources = sources if isinstance(sources, list) else [sources]
         if not all(isinstance(source, dict) for source in sources):
             raise yaml.MarkedYAMLError(problem='<< must name a mapping',

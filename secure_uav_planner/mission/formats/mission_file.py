@@ -13,7 +13,7 @@ from ..fields import Block
 from ..files import atomic_file
 from ..geography import Origin
 from ...errors import (
-    MissionFileError, prefix_place, quote, ScenarioError, yaml_notation)
+    MissionFileError, prefix_path, quote, ScenarioError, yaml_notation)
 
 EXAMPLE = Path(__file__).with_name('example.yaml')
 """A mission file in which every field is explained: `secure_uav_planner new` copies it."""
@@ -70,7 +70,7 @@ def _add_airspace(data: dict[str, Any], folder: Path) -> None:
         without an origin, or with a fence of its own.
     """
     name, origin = data.pop('airspace'), Block(Origin)('', 'origin', data.get('origin'))
-    with prefix_place('airspace'):
+    with prefix_path('airspace'):
         if not isinstance(name, str):
             raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, '
                                 'relative to the mission')
