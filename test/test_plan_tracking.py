@@ -231,7 +231,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
 def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
     """It flies with 5 m/s towards -y, on no plan, so that it brakes and stands."""
     with node_here('planner', duration=180.0, slots=90, start_delay=30.0,
-                   uav1__max_acceleration=acceleration):
+                   uav1__max_acceleration=acceleration, uav2__max_acceleration=acceleration):
         path = client.listen(Path, 'uav1/path')
         uav = Uav(client, 'uav1')
         client.send_paper()
