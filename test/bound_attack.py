@@ -145,5 +145,5 @@ def random_plans(scenario, rng, count):
         peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
         powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
             rng.random((uavs, slots)) > rng.uniform(0, 0.9))
-        plans.append(Plan(scenario, *Problem(scenario).repair(np.array(paths), powers)))
+        plans.append(Plan(scenario, *Problem(scenario).retract(np.array(paths), powers)))
     return plans

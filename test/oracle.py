@@ -27,7 +27,7 @@ def snr(scenario, squared, to_ground):
     channel, uavs = scenario.channel, len(scenario.uavs)
     snrs = 10.0**(scenario.reference_snr_db / 10) / np.exp(
         0.5 * channel.exponent * np.log(squared + scenario.altitudes**2))
-    harms = np.array([(uav > 0) == to_ground for uav in range(uavs)])
+    is_adverse = np.array([(uav > 0) == to_ground for uav in range(uavs)])
     share = (channel.outage or 0.0) / (uavs * (1 + len(scenario.eavesdroppers)))
     if channel.los is not None and channel.rician_k_db is not None:
         share /= 2
@@ -37,18 +37,18 @@ def snr(scenario, squared, to_ground):
         if share:
             helped, harmed = (a - np.log(odds / a) / b for odds in (
                 share / (1 - share), (1 - share) / share))
-            z = elevation - np.where(harms, harmed - 1, helped)
+            z = elevation - np.where(is_adverse, harmed - 1, helped)
             z = np.where(z.real > 1, 1, np.where(z.real < 0, 0, z))
             snrs = snrs / 10**(loss / 10 * (1 - 10 * z**3 + 15 * z**4 - 6 * z**5))
         else:
             sight = 1 / (1 + a * np.exp(-b * (elevation - a)))
             mean = sight + (1 - sight) / 10**(loss / 10)
-            snrs = snrs * np.where(np.logical_and(harms, channel.cautious), 1.0, mean)
+            snrs = snrs * np.where(np.logical_and(is_adverse, channel.cautious), 1.0, mean)
     if channel.rician_k_db is not None:
         factor = 10**(channel.rician_k_db / 10)
         low, high = (quantile(share, np.sqrt(2 * factor))**2 / (2 * (factor + 1))
                      for quantile in (rice.ppf, rice.isf))
-        snrs = snrs * np.where(harms, high, low)
+        snrs = snrs * np.where(is_adverse, high, low)
     return snrs
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Channel, Eavesdropper, Scenario, Uav
-from secure_uav_planner.model.least_effort import least_effort
+from secure_uav_planner.model.least_utilisation import minimise_utilisation
 
 COORDINATE = st.floats(-500, 500)
 PLACE = st.tuples(COORDINATE, COORDINATE)
@@ -76,7 +76,7 @@ def limit_acceleration(draw, uav, slots, step):
         lambda shares: (shares[0] * uav.max_speed, shares[1] * uav.max_speed)))
     uav = replace(uav, start_velocity=draw(velocity), goal_velocity=draw(velocity),
                   max_acceleration=uav.max_speed / step * draw(st.sampled_from([0.1, 0.5, 3.0])))
-    while least_effort(uav.vehicle, slots, step)[0] > 1:
+    while minimise_utilisation(uav.vehicle, slots, step)[0] > 1:
         if uav.max_acceleration > 100 * uav.max_speed / step:
             return replace(uav, max_acceleration=None)
         uav = replace(uav, max_acceleration=2 * uav.max_acceleration)

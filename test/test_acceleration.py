@@ -11,7 +11,7 @@ from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, TimeLimitError
 from secure_uav_planner.mission.kinematics import Vehicle
-from secure_uav_planner.model.least_effort import least_effort
+from secure_uav_planner.model.least_utilisation import minimise_utilisation
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial.feasibility import check_durations
 from strategies import scenarios, with_uavs
@@ -64,9 +64,9 @@ def test_every_plan_keeps_its_limits_by_an_independent_measure(scenario):
 
 @settings(max_examples=60)
 @given(scenarios(max_uavs=1), st.floats(0, 1))
-def test_the_flight_of_least_effort_uses_no_more_than_another(scenario, share):
+def test_the_flight_of_least_utilisation_uses_no_more_than_another(scenario, share):
     plan = fly_hover_fly(scenario)
-    effort, flight = least_effort(
+    utilisation, flight = minimise_utilisation(
         scenario.uavs[0].vehicle, scenario.slots, scenario.slot_duration)
     positions = scenario.starts[0] + flight
     assert np.allclose(positions[-1], scenario.goals[0])
@@ -78,7 +78,7 @@ def test_the_flight_of_least_effort_uses_no_more_than_another(scenario, share):
         counted = slice(scenario.uavs[0].start_velocity is None,
                         None if scenario.uavs[0].goal_velocity is not None else -1)
         most.append(accelerations(plan, 0)[counted].max() / scenario.uavs[0].max_acceleration)
-    assert effort <= max(most) * (1 + 1e-6) + 1e-9
+    assert utilisation <= max(most) * (1 + 1e-6) + 1e-9
 
 
 def test_an_infeasible_mission_names_the_uav_its_limits_and_the_shortest_duration():
@@ -179,7 +179,8 @@ def test_a_curve_with_other_slots_keeps_its_ends_and_nearly_its_acceleration(sce
 
 def test_a_hundred_times_as_many_slots_change_a_smooth_flight_by_little():
     vehicle = Vehicle((0.0, -1000.0), 10.0, 2.0, (0.0, 0.0), (0.0, 0.0))
-    coarse, fine = (least_effort(vehicle, slots, 200.0 / slots)[0] for slots in (200, 20000))
+    coarse, fine = (minimise_utilisation(vehicle, slots, 200.0 / slots)[0]
+                    for slots in (200, 20000))
     assert coarse == pytest.approx(fine, rel=0.02)
 
 

@@ -20,7 +20,7 @@ from secure_uav_planner import NoFlyZone, Plan, Scenario
 from secure_uav_planner.errors import StoppedError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.cone_program import solve_cone_program
-from secure_uav_planner.model.least_effort import least_effort
+from secure_uav_planner.model.least_utilisation import minimise_utilisation
 from strategies import with_uavs
 
 WAIT = 120.0
@@ -116,5 +116,6 @@ def test_where_the_solver_fails_no_flight_is_within_the_limits(monkeypatch):
         return settings
 
     monkeypatch.setattr(clarabel, 'DefaultSettings', hasty)
-    effort, points = least_effort(Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0)), 20, 1.0)
-    assert effort == np.inf and points[[0, -1]].tolist() == [[0.0, 0.0], [100.0, 0.0]]
+    vehicle = Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0))
+    utilisation, points = minimise_utilisation(vehicle, 20, 1.0)
+    assert utilisation == np.inf and points[[0, -1]].tolist() == [[0.0, 0.0], [100.0, 0.0]]

@@ -99,7 +99,7 @@ def test_the_longest_step_stays_inside_and_is_not_needlessly_short(scenario, see
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
-def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed):
+def test_a_retracted_plan_passes_the_checks_that_it_failed_before(scenario, seed):
     rng = np.random.default_rng(seed)
     positions = fly_hover_fly_positions(Problem(scenario))
     positions[:, 1:-1] += rng.normal(0, 100, positions[:, 1:-1].shape)
@@ -112,7 +112,7 @@ def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed)
             limit.validate(positions, powers)
         except PlanningError:
             broken += 1
-        positions, powers = limit.repair(positions, powers)
+        positions, powers = limit.retract(positions, powers)
     assert broken
     for limit in limits:
         limit.validate(positions, powers)
@@ -136,8 +136,8 @@ class LeastSpeed(Limit):
         if self.speeds(positions).min() < 4.0:
             raise PlanError('a UAV is too slow')
 
-    def repair(self, positions, powers, margin=0.0):
-        """Blend with the flight of least effort until it is fast enough."""
+    def retract(self, positions, powers, margin=0.0):
+        """Blend with the flight of least utilisation until it is fast enough."""
         blends = (positions + share * (self.grid.reference_flight - positions)
                   for share in np.linspace(0.0, 1.0, 21))
         return next(blend for blend in blends if self.speeds(blend).min() >= 4.0), powers

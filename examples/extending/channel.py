@@ -39,7 +39,7 @@ class Absorbed(FreeSpace):
 LENGTH = 400.0  # m
 
 
-def make_absorbed(scenario, kinds, shape, snr, altitudes, lead=0.0):
+def make_absorbed(scenario, kinds, shape, snr, altitudes, elevation_offset=0.0):
     """Return the link of a scenario in this channel; see links._link, in whose place it is."""
     unit = np.ravel(altitudes)[0] / scenario.altitudes[0]  # Of lengths, in 1 / m.
     return Absorbed(snr, altitudes**2, LENGTH * unit)

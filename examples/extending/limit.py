@@ -2,7 +2,7 @@
 A limit of your own, without a change of the package: no UAV leaves the reach of a base.
 
 The half in C++, range_limit.cpp, answers Newton's method; the half in Python checks plans and
-repairs iterates. It needs a C++ compiler and what examples/requirements.txt names. Run it by
+retracts iterates. It needs a C++ compiler and what examples/requirements.txt names. Run it by
 `python -m examples.extending.limit`.
 """
 
@@ -28,7 +28,7 @@ class RangeLimit(Limit):
         if farthest > REACH + 1e-6:
             raise PlanError(f'a UAV is {farthest:.9g} m away; at most {REACH} m are allowed')
 
-    def repair(self, positions, powers, margin=0.0):
+    def retract(self, positions, powers, margin=0.0):
         """Move points that are out of reach to the edge."""
         offsets = positions - BASE
         excess = np.linalg.norm(offsets, axis=-1, keepdims=True) / ((1 - margin) * REACH)

@@ -168,5 +168,5 @@ class _Search:
 
 
 def _count_bits(plan: Plan) -> float:
-    """Return what a plan delivers in bit/Hz."""
+    """Return the bits that a plan delivers, in bit/Hz."""
     return plan.rate * plan.scenario.duration

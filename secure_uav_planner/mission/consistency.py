@@ -7,7 +7,7 @@ import math
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from .kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
+from .kinematics import DURATION, find_shortest_duration, UTILISATION_TOLERANCE
 from .participants import Eavesdropper, GroundNode, Uav
 from .polygons import depth, Vertices
 from .validation import round_down
@@ -115,13 +115,13 @@ def _check_durations(scenario: 'Scenario') -> Iterator[ScenarioError]:
     if not all(uav.vehicle.is_straight for uav in scenario.uavs):
         return
 
-    def measure_effort(uav: Uav, duration: float) -> float:
-        return uav.vehicle.straight_effort(scenario.slots, duration / scenario.slots)
+    def measure_utilisation(uav: Uav, duration: float) -> float:
+        return uav.vehicle.straight_utilisation(scenario.slots, duration / scenario.slots)
 
     yield from refuse_slow_uavs(scenario.duration, (
-        (uav, find_shortest_duration(partial(measure_effort, uav), scenario.duration))
+        (uav, find_shortest_duration(partial(measure_utilisation, uav), scenario.duration))
         for uav in scenario.uavs
-        if not measure_effort(uav, scenario.duration) <= 1 + EFFORT_TOLERANCE))
+        if not measure_utilisation(uav, scenario.duration) <= 1 + UTILISATION_TOLERANCE))
 
 
 def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]

@@ -4,7 +4,7 @@ Straight flights of a single UAV, and the shortest duration of a flight.
 Points q[0..N+1] are the control points of a uniform quadratic B-spline whose slots last `step`
 seconds. Its velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N, with w[-1] and
 w[N+1] given by the velocities at the ends; its acceleration in a slot is (w[n] - w[n-1]) / step.
-The effort of a flight is its largest speed or acceleration as a share of the limit.
+The utilisation of a flight is its largest speed or acceleration as a share of the limit.
 """
 
 from collections.abc import Callable
@@ -16,8 +16,8 @@ import numpy as np
 from .fields import Number
 from .validation import Array, round_up
 
-EFFORT_TOLERANCE = 1e-9
-"""Largest effort above 1 of a flight that counts as one within the limits, for rounding."""
+UTILISATION_TOLERANCE = 1e-9
+"""Largest utilisation above 1 of a flight that counts as one within the limits, for rounding."""
 
 DURATION = Number(1e-6, 1e8, 's')
 """The range of the duration of a mission."""
@@ -46,13 +46,13 @@ class Vehicle:
 
     @property
     def is_straight(self) -> bool:
-        """Whether a straight flight has the least effort; a velocity at an end may bend it."""
+        """Whether a straight flight has the least utilisation: no velocity at an end bends it."""
         return math.isinf(self.max_acceleration) or all(
             velocity in (None, (0.0, 0.0))
             for velocity in (self.start_velocity, self.goal_velocity))
 
-    def straight_effort(self, slots: int, step: float) -> float:
-        """Return the least effort of a straight flight of N slots of `step` seconds."""
+    def straight_utilisation(self, slots: int, step: float) -> float:
+        """Return the least utilisation of a straight flight of N slots of `step` seconds."""
         moves, speed = slots + 1, self.max_speed
         if math.isinf(self.max_acceleration):
             longest = moves * speed
@@ -88,25 +88,25 @@ def _sum_speeds(moves: int, gain: float, speed: float) -> float:
     return gain * rising * (rising + 1) / 2 + (moves - rising) * speed
 
 
-def find_shortest_duration(effort: Callable[[float], float], duration: float,
+def find_shortest_duration(utilisation: Callable[[float], float], duration: float,
                            accuracy: float = 1e-9, longest: float = DURATION.high
                            ) -> float | None:
     """
-    Return a duration in s with an effort of at most 1, close to the shortest, or None.
+    Return a duration in s with a utilisation of at most 1, close to the shortest, or None.
 
-    It is rounded up to six digits, and its own effort has been asked for. The search is regula
-    falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for computing the root
-    of an equation", 1971).
+    It is rounded up to six digits, and its own utilisation has been asked for. The search is
+    regula falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for computing
+    the root of an equation", 1971).
 
-    :param effort: the least effort by the duration in s.
+    :param utilisation: the least utilisation by the duration in s.
     :param duration: at which it is above 1.
     :param accuracy: largest ratio, minus 1, of the answer and a duration that is too short, before
         rounding.
     :param longest: beyond which none is tried.
     """
-    low, below = duration, _log(effort(duration))
+    low, below = duration, _log(utilisation(duration))
     high = min(2 * duration, longest)
-    while (above := _log(effort(high))) > 0:
+    while (above := _log(utilisation(high))) > 0:
         if high >= longest:
             return None
         low, below, high = high, above, min(2 * high, longest)
@@ -117,7 +117,7 @@ def find_shortest_duration(effort: Callable[[float], float], duration: float,
         middle = low * (high / low)**(below / (below - above))
         if not low < middle < high:
             break
-        value = _log(effort(middle))
+        value = _log(utilisation(middle))
         if value > 0:
             low, below, above = middle, value, above / (2 if kept > 0 else 1)
         else:
@@ -127,15 +127,15 @@ def find_shortest_duration(effort: Callable[[float], float], duration: float,
     for power in range(_MOST_NAMED):
         if named > longest:
             break
-        if effort(named) <= 1:
+        if utilisation(named) <= 1:
             return named
         named = round_up(named * (1 + 1e-6 * 2**power))
     return None
 
 
-def _log(effort: float) -> float:
-    """Return the logarithm of an effort; one of 0 or of no number counts as a large one."""
-    return math.log(min(max(effort, 1e-6), 1e6)) if effort == effort else math.log(1e6)
+def _log(utilisation: float) -> float:
+    """Return the logarithm of a utilisation; one of 0 or of no number counts as a large one."""
+    return math.log(1e6 if math.isnan(utilisation) else min(max(utilisation, 1e-6), 1e6))
 
 
 def clip_norm(x: float, y: float, most: float) -> tuple[float, float]:

@@ -11,10 +11,10 @@ from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .channel.rates import compute_sinr
 from .curve import complete_end_moves, evaluate_spline
-from .least_effort import find_least_efforts, least_effort
+from .least_utilisation import find_least_utilisations, minimise_utilisation
 from ..mission.scenario import Array, read_only, Scenario
 
-_SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
+_LONGEST_STEP = 0.25  # Largest characteristic step length as a share of a mission's extent.
 _NO_SLACK = 1e-7  # Share of its limits below which a flight is fixed.
 
 
@@ -44,14 +44,14 @@ class Grid:
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
         """Whether the positions of each UAV are no variables, as without slack, (U,)."""
-        return self.is_fixed | (find_least_efforts(self.scenario) > 1 - _NO_SLACK)
+        return self.is_fixed | (find_least_utilisations(self.scenario) > 1 - _NO_SLACK)
 
     @cached_property
     def reference_flight(self) -> Array:
-        """Flights of least effort, (U, N+2, 2) in m; read-only."""
+        """Flights of least utilisation, (U, N+2, 2) in m; read-only."""
         scenario = self.scenario
         flights = np.stack([
-            uav.start + least_effort(uav.vehicle, self.slots, self.slot_duration)[1]
+            uav.start + minimise_utilisation(uav.vehicle, self.slots, self.slot_duration)[1]
             for uav in scenario.uavs])
         flights[:, -1] = scenario.goals
         return read_only(flights)
@@ -106,7 +106,7 @@ class Grid:
         """Distances flown in a slot, capped at a share of the mission's extent, (U,) in m."""
         scenario = self.scenario
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
-        return np.minimum(scenario.max_speeds * self.slot_duration, _SHORT * extent)
+        return np.minimum(scenario.max_speeds * self.slot_duration, _LONGEST_STEP * extent)
 
     def variables(self, positions: Array, powers: Array) -> Array:
         """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""

@@ -11,7 +11,7 @@ from .grid import Grid
 from .limits import build_limits, Limit, LineLimit, measure_energies, NormLimit
 from .visibility_graph import Routes
 from ..errors import PlanError
-from ..mission.kinematics import EFFORT_TOLERANCE
+from ..mission.kinematics import UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Scenario
 
 
@@ -47,7 +47,7 @@ class Problem:
 
     def keeps_motion(self, positions: Array) -> bool:
         """Return True if flights (U, N+2, 2) in m keep the limits of speed and acceleration."""
-        return all((limit.efforts(positions) <= 1 + EFFORT_TOLERANCE).all()
+        return all((limit.utilisations(positions) <= 1 + UTILISATION_TOLERANCE).all()
                    for limit in self.limits if isinstance(limit, NormLimit))
 
     def keeps_energy(self, positions: Array) -> bool:
@@ -75,15 +75,15 @@ class Problem:
             return False
         return True
 
-    def repair(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """Return positions (U, N+2, 2) in m and powers (U, N) in W, repaired by every limit."""
+    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
+        """Return positions (U, N+2, 2) in m and powers (U, N) in W, retracted by every limit."""
         for limit in self.limits:
-            positions, powers = limit.repair(positions, powers)
+            positions, powers = limit.retract(positions, powers)
         return positions, powers
 
-    def repair_powers(self, positions: Array, powers: Array) -> Array:
-        """Return powers (U, N) in W, repaired by every limit of powers."""
+    def retract_powers(self, positions: Array, powers: Array) -> Array:
+        """Return powers (U, N) in W, retracted by every limit of powers."""
         for limit in self.limits:
             if not limit.constrains_positions:
-                _, powers = limit.repair(positions, powers)
+                _, powers = limit.retract(positions, powers)
         return powers

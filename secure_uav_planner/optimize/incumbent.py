@@ -67,11 +67,11 @@ class Incumbent:
         if positions is None:
             positions = self.positions  # To the last bit.
         else:
-            positions, _ = self.problem.repair(positions, self.powers)
+            positions, _ = self.problem.retract(positions, self.powers)
             if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
                 return 0.0
         powers = (self.powers if powers is None else
-                  self.problem.repair_powers(positions, powers))
+                  self.problem.retract_powers(positions, powers))
         powers, rates = self._mute_nonpositive_slots(positions, powers)
         weights = self.scenario.node_weights
         shares = find_shares(rates, weights)

@@ -15,9 +15,9 @@ import numpy as np
 
 from .incumbent import mute_nonpositive_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..mission.kinematics import clip_norm, EFFORT_TOLERANCE
+from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
-from ..model.least_effort import find_least_efforts, least_effort
+from ..model.least_utilisation import find_least_utilisations, minimise_utilisation
 from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback
@@ -117,8 +117,9 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
             start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
-    late = [uav.name for uav, effort in zip(uavs, find_least_efforts(scenario), strict=True)
-            if not effort <= 1 + EFFORT_TOLERANCE]
+    utilisations = find_least_utilisations(scenario)
+    late = [uav.name for uav, utilisation in zip(uavs, utilisations, strict=True)
+            if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if late:
         raise InfeasibleMissionError(f'{" and ".join(late)} cannot reach the goal in the '
                                      f'{scenario.duration:g} s that are left')
@@ -183,8 +184,8 @@ class _RecoveryPath:
             vehicle = replace(vehicle, goal_velocity=_to_point(2 * move / self._step))
         if math.hypot(*vehicle.displacement) > (slots + 1) * self._step * vehicle.max_speed:
             return None
-        effort, points = least_effort(vehicle, slots, self._step)
-        if not effort <= 1:
+        utilisation, points = minimise_utilisation(vehicle, slots, self._step)
+        if not utilisation <= 1:
             return None
         return np.concatenate([self._path[:self._first], begin + points, end[1:]])
 

@@ -119,7 +119,7 @@ class PathLoss(FreeSpace):
             squared + self.squared_altitudes)**(-0.5 * self.exponent)
 
     def _factor(self, z: Array) -> tuple[Array, Array]:
-        """Return what lines of sight make of the gain, and its logarithm's derivative by z."""
+        """Return the factor of the mean gain by lines of sight, and its log's derivative by z."""
         likely = _probability(z)
         factor = self.losses + (1 - self.losses) * likely
         return factor, (1 - self.losses) * likely * (1 - likely) / factor
@@ -220,7 +220,9 @@ def _outage_share(scenario: Scenario) -> float:
 
 def sight_radii(scenario: Scenario) -> Array:
     """
-    Return how near a UAV's links that help count with a line of sight, (U,) in m on the ground.
+    Return the largest distances at which helpful links count with a line of sight, (U,) in m.
+
+    They are on the ground, from the place below each UAV.
 
     Infinite without a stated outage for lines of sight, and where no elevation is high enough.
     """

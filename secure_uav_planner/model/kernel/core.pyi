@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 Arguments = Mapping[str, Any]
 
 TOLERANCE: float
-"""How far in bit/s/Hz a proven leak may lie above the largest one found."""
+"""How far in bit/s/Hz a proven leak may lie above the largest of the search."""
 
 class Channel:
     """The gains of K U links over the noise power; link k U + u is from UAV u to receiver k."""
@@ -172,7 +172,7 @@ def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int
     :param most_sectors: examined in a slot, about; the bound is valid also if they end.
     :param tolerance: of the bounds, in bit/s/Hz.
     :param leaks: upper bounds, (slots,) in bit/s/Hz.
-    :param worst: the disc with the largest leak found, (slots,).
+    :param worst: the disc with the largest leak, (slots,).
     :param places: where that is, from its centre, (slots, 2) in m.
     """
 
@@ -217,7 +217,7 @@ def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians:
     """
     Fill the smoothed maxima over a UAV's columns; see `search.columns.pack_columns`.
 
-    :param values: of every slot group, (G,).
+    :param values: of all slot groups, (G,).
     :param gradients: by a group's unknowns, (G, F), or empty.
     :param hessians: (G, F, F), or empty.
     """

@@ -1,7 +1,7 @@
 """
 The limits that a plan keeps, one class each; LIMITS names them all.
 
-A limit provides what base.Limit says: the check of a plan, the repair of an iterate, and its
+A limit provides what base.Limit says: the check of a plan, the retraction of an iterate, and its
 terms in the method `joint`.
 """
 
@@ -17,7 +17,7 @@ from ..grid import Grid
 LIMITS: tuple[type[Limit], ...] = (
     SpeedLimit, AccelerationLimit, EnergyLimit, FenceLimit, ZoneLimit, SeparationLimit, PeakPower,
     AveragePower)
-"""All limits, in the order in which a plan is checked and an iterate repaired."""
+"""All limits, in the order in which a plan is checked and an iterate retracted."""
 
 
 def build_limits(grid: Grid) -> tuple[Limit, ...]:

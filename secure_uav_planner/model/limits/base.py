@@ -1,4 +1,4 @@
-"""What every limit provides: the check of a plan, the repair of an iterate, the kernel's form."""
+"""What every limit provides: the check of a plan, a retraction, and the kernel's form."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -14,7 +14,7 @@ class Limit(ABC):
     One limit of a scenario.
 
     A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls validate, `Incumbent` calls repair, and `joint` uses the form
+    `kernel/limit.hpp`. `Plan` calls validate, `Incumbent` calls retract, and `joint` uses the form
     of the kernel.
 
     :cvar constrains_positions: whether it limits positions rather than powers.
@@ -59,14 +59,14 @@ class Limit(ABC):
         A limit that is not convex needs it where UAVs that fly to a place, hover and fly on break
         the limit: methods go on from first flights, and find none by themselves. What it returns
         must still keep the limit on a grid of 25 slots and 5% nearer to the flight of least
-        effort.
+        utilisation.
 
         :param positions: (U, N+2, 2) in m.
         """
         return positions
 
-    def repair(self, positions: Array, powers: Array,
-               margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, powers: Array,
+                margin: float = 0.0) -> tuple[Array, Array]:
         """
         Return nearly feasible positions and powers made feasible.
 

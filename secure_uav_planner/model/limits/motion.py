@@ -25,32 +25,35 @@ _ROUNDING = 1e-15  # Of differences of points, as a share of their coordinates.
 
 class NormLimit(Limit):
     """
-    A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + k - lead] of points.
+    A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + 1 - order + k] of points.
 
     A UAV that is fixed has no c of its own: its entries are 1.
 
-    :cvar stencil: the weights a_k.
-    :cvar lead: how many points before the start the first difference reaches.
+    :cvar stencil: the weights a_k, order + 1 of them.
     :ivar longest: r, (U,) in m.
     :ivar absent: which differences have no limit, (M, U).
     """
 
     constrains_positions = True
     stencil: ClassVar[tuple[float, ...]]
-    lead: ClassVar[int]
 
     def __init__(self, grid: Grid) -> None:
         super().__init__(grid)
         self.longest = self._longest()
         self.absent: NDArray[np.bool_] = np.full(
-            (self.grid.slots + 1 + self.lead, len(self.longest)), False)
+            (self.grid.slots + self.order, len(self.longest)), False)
         self._end_moves: Array = np.zeros((2, len(self.longest), 2))
+
+    @property
+    def order(self) -> int:
+        """Order of the differences: 1 for moves, 2 for their changes."""
+        return len(self.stencil) - 1
 
     @property
     def compiled(self) -> core.NormLimit:
         """Return the kernel's NormLimit."""
         return core.NormLimit(
-            self.grid.slots, order=len(self.stencil) - 1,
+            self.grid.slots, order=self.order,
             square=(self.longest / self.grid.length)**2, ignored=self.absent | self.grid.fixed,
             end_moves=self._end_moves / self.grid.length)
 
@@ -75,8 +78,8 @@ class NormLimit(Limit):
                 raise PlanError(self._describe_excess(
                     uav, int(length.argmax()), float(length.max())))
 
-    def repair(self, positions: Array, powers: Array,
-               margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, powers: Array,
+                margin: float = 0.0) -> tuple[Array, Array]:
         """
         Return the positions blended with the reference flight as far as the limit asks for.
 
@@ -99,7 +102,7 @@ class NormLimit(Limit):
             positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
         return positions, powers
 
-    def efforts(self, positions: Array) -> Array:
+    def utilisations(self, positions: Array) -> Array:
         """Return the largest share of the limit that each flight uses, (U,)."""
         return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
 
@@ -116,7 +119,6 @@ class SpeedLimit(NormLimit):
     """No UAV flies faster than its largest speed: d[n] = q[n+1] - q[n], n = 0..N."""
 
     stencil = (-1.0, 1.0)
-    lead = 0
 
     def _longest(self) -> Array:
         return self.scenario.max_speeds * self.grid.slot_duration
@@ -139,7 +141,6 @@ class AccelerationLimit(NormLimit):
     """
 
     stencil = (1.0, -2.0, 1.0)
-    lead = 1
 
     def __init__(self, grid: Grid) -> None:
         super().__init__(grid)

@@ -23,8 +23,8 @@ class PeakPower(Limit):
                 raise PlanError(f'the power of {uav.name} is {power.max():.9g} W in slot '
                                 f'{power.argmax() + 1}; at most {uav.peak_power:g} W are allowed')
 
-    def repair(self, positions: Array, powers: Array,
-               margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, powers: Array,
+                margin: float = 0.0) -> tuple[Array, Array]:
         """Clip the powers."""
         return positions, np.clip(powers, 0, self.scenario.peak_powers[:, None])
 
@@ -39,8 +39,8 @@ class AveragePower(Limit):
                 raise PlanError(f'the average power of {uav.name} is {power.mean():.9g} W; '
                                 f'at most {uav.average_power:g} W are allowed')
 
-    def repair(self, positions: Array, powers: Array,
-               margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, powers: Array,
+                margin: float = 0.0) -> tuple[Array, Array]:
         """Scale the powers down."""
         mean = powers.mean(axis=1, keepdims=True)
         return positions, powers * np.minimum(

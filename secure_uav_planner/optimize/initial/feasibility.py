@@ -15,10 +15,10 @@ from ..deadline import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.fields import raise_all
-from ...mission.kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
+from ...mission.kinematics import DURATION, find_shortest_duration, UTILISATION_TOLERANCE
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import GEOFENCE
-from ...model.least_effort import find_least_efforts, least_effort
+from ...model.least_utilisation import find_least_utilisations, minimise_utilisation
 from ...model.problem import Problem
 
 _SHARE = 0.05  # Of its slack that a flight must leave to count.
@@ -36,23 +36,24 @@ def check_durations(scenario: Scenario, check: Check) -> None:
         `further` are the errors of the rest. None is named where check raises TimeLimitError in
         the search for it.
     """
-    efforts = find_least_efforts(scenario, check)
-    slow = [uav for uav, effort in zip(scenario.uavs, efforts, strict=True)
-            if not effort <= 1 + EFFORT_TOLERANCE]
+    utilisations = find_least_utilisations(scenario, check)
+    slow = [uav for uav, utilisation in zip(scenario.uavs, utilisations, strict=True)
+            if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if not slow:
         return
 
-    def measure_effort(uavs: Sequence[Uav], duration: float) -> float:
-        return max(least_effort(uav.vehicle, scenario.slots, duration / scenario.slots, check)[0]
+    def measure_utilisation(uavs: Sequence[Uav], duration: float) -> float:
+        step = duration / scenario.slots
+        return max(minimise_utilisation(uav.vehicle, scenario.slots, step, check)[0]
                    for uav in uavs)
 
     try:
-        shortest = [find_shortest_duration(partial(measure_effort, [uav]), scenario.duration,
+        shortest = [find_shortest_duration(partial(measure_utilisation, [uav]), scenario.duration,
                                            _ACCURACY) for uav in slow]
         if None not in shortest:
             slowest = max(range(len(slow)), key=lambda index: shortest[index] or 0.0)
             # With velocities at the ends, more time is not always easier.
-            shortest[slowest] = _find_duration(partial(measure_effort, scenario.uavs),
+            shortest[slowest] = _find_duration(partial(measure_utilisation, scenario.uavs),
                                                shortest[slowest] or 0.0, accuracy=_ACCURACY)
     except TimeLimitError:
         shortest = [math.nan] * len(slow)
@@ -73,11 +74,11 @@ def find_flights(problem: Problem, check: Check) -> Array:
     return flights
 
 
-def _find_duration(effort: Callable[[float], float], duration: float, **options: float
+def _find_duration(utilisation: Callable[[float], float], duration: float, **options: float
                    ) -> float | None:
-    """Return a duration if its effort is at most 1, or else as find_shortest_duration does."""
-    return (duration if effort(duration) <= 1 else
-            find_shortest_duration(effort, duration, **options))
+    """Return a duration if its utilisation is at most 1, or else find the shortest."""
+    return (duration if utilisation(duration) <= 1 else
+            find_shortest_duration(utilisation, duration, **options))
 
 
 def _search_flights(problem: Problem, check: Check) -> Array | None:
@@ -104,16 +105,17 @@ def _find_duration_around(scenario: Scenario, duration: float, check: Check,
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
-    def measure_effort(duration: float) -> float:
+    def measure_utilisation(duration: float) -> float:
         longer = replace(scenario, duration=duration)
-        has_time = (find_least_efforts(longer, check) <= 1 + EFFORT_TOLERANCE).all()
+        has_time = (find_least_utilisations(longer, check) <= 1 + UTILISATION_TOLERANCE).all()
         return 0.5 if has_time and search(Problem(longer), check) is not None else 2.0
 
     # From rest to rest, a longer flight is always easier.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
-            and measure_effort(longest) > 1):
+            and measure_utilisation(longest) > 1):
         return None
-    return _find_duration(measure_effort, duration, accuracy=_ACCURACY_AROUND, longest=longest)
+    return _find_duration(
+        measure_utilisation, duration, accuracy=_ACCURACY_AROUND, longest=longest)
 
 
 class _Obstruction(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from ..deadline import Check
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
-from ...model.least_effort import least_effort
+from ...model.least_utilisation import minimise_utilisation
 from ...model.problem import Problem
 from ...model.visibility_graph import MOST_ROUTES, VisibilityGraph
 
@@ -98,7 +98,7 @@ def build_flights(problem: Problem, hover: Array,
     for limit in problem.limits:
         positions = limit.shape_start(positions)
     if scenario.limits_acceleration and problem.airspace.is_open:
-        positions, _ = problem.repair(positions, np.zeros((len(positions), scenario.slots)))
+        positions, _ = problem.retract(positions, np.zeros((len(positions), scenario.slots)))
     return positions
 
 
@@ -142,7 +142,7 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
 
 def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     """
-    Return the flight of least effort of a UAV from start to goal, (N+2, 2) in m.
+    Return the flight of least utilisation of a UAV from start to goal, (N+2, 2) in m.
 
     :param index: of the UAV.
     :param route: the number of its route around obstacles, 0 for the shortest.
@@ -153,12 +153,12 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     graph, [routes] = problem.routes.find(
         index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
     if graph is None:
-        return uav.start + least_effort(
+        return uav.start + minimise_utilisation(
             uav.vehicle, scenario.slots, scenario.slot_duration)[1] if route == 0 else None
     if len(routes) <= route:
         return None
     length = _measure_length(routes[route])
-    return _locate(routes[route], _spread_effort(uav, length, scenario))
+    return _locate(routes[route], _pace_route(uav, length, scenario))
 
 
 def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
@@ -216,8 +216,8 @@ def generate_direct_flights(problem: Problem, check: Check) -> Iterator[Array]:
         yield np.stack(chosen)
 
 
-def _spread_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
-    """Return the distances flown along a route with the least effort, (N+2,) in m."""
+def _pace_route(uav: Uav, length: float, scenario: Scenario) -> Array:
+    """Return the distances flown along a route with the least utilisation, (N+2,) in m."""
     vehicle = Vehicle((length, 0.0), uav.max_speed, uav.vehicle.max_acceleration,
                       start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
     return np.asarray(vehicle.fly_straight(scenario.slots, scenario.slot_duration)[:, 0])
@@ -274,7 +274,7 @@ def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
     Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2).
 
     With a limit of acceleration, velocities are moving averages over as many slots as full speed
-    takes. Where the UAV turns without hovering this is not enough, which is left to the repair.
+    takes. Where the UAV turns without hovering this is not enough, which is left to retract.
     """
     slots, duration = scenario.slots, scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)
@@ -286,7 +286,7 @@ def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
                    for velocity in (uav.start_velocity, uav.goal_velocity))
     begin, end = start + first * (width - 1) / 2, goal - last * (width - 1) / 2
     if width > slots or math.dist(begin, end) > (slots + 2 - width) * step:
-        return start + least_effort(uav.vehicle, slots, duration)[1]
+        return start + minimise_utilisation(uav.vehicle, slots, duration)[1]
     moves = np.concatenate([
         np.tile(first, (width - 1, 1)),
         np.diff(_fly_straight(begin, end, place, step, slots + 1 - width), axis=0),

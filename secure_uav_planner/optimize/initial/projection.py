@@ -18,7 +18,7 @@ from ..deadline import Check
 from ...mission.scenario import Array
 from ...model.cone_program import solve_cone_program
 from ...model.grid import Grid, resample_flights
-from ...model.least_effort import find_least_efforts
+from ...model.least_utilisation import find_least_utilisations
 from ...model.limits import build_limits, LineLimit, NormLimit
 from ...model.limits.lines import Lines
 from ...model.problem import Problem
@@ -60,7 +60,7 @@ def project(grid: Grid, positions: Array, share: float, check: Check,
     Return flights (U, N+2, 2) in m strictly inside all limits, near given ones, or None.
 
     :param positions: of the given flights, (U, M+2, 2) in m, for any number M of slots.
-    :param share: of the slack of the flight of least effort that is left, at most.
+    :param share: of the slack of the flight of least utilisation that is left, at most.
     :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
@@ -112,7 +112,8 @@ class _Projection:
         limits = build_limits(grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
-        self._efforts = 1 - share * np.maximum(1 - find_least_efforts(grid.scenario, check), 0.0)
+        self._utilisations = 1 - share * np.maximum(
+            1 - find_least_utilisations(grid.scenario, check), 0.0)
         self._step = float(np.median(grid.step_lengths)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,
@@ -161,7 +162,7 @@ class _Projection:
         """Return True for UAVs inside all limits, by a clearance in steps to lines, (U,)."""
         inside = np.full(len(positions), True)
         for norm in self._norms:
-            inside &= self._grid.fixed | (norm.efforts(positions) < 1)
+            inside &= self._grid.fixed | (norm.utilisations(positions) < 1)
         for limit in self._lines:
             self._check()
             path = self._grid.to_path(positions)
@@ -256,14 +257,14 @@ class _Projection:
             number = 3 * np.arange(len(uav))
             entries = [(number, np.full(len(uav), excess), longest[uav])]
             for index, weight in enumerate(limit.stencil):
-                point = place + index - limit.lead
+                point = place + 1 - limit.order + index
                 inside = np.flatnonzero((point > 0) & (point < len(base) - 1))
                 column = columns[point[inside], uav[inside]]
                 for axis in (0, 1):
                     entries.append((number[inside] + 1 + axis, column + axis,
                                     np.full(len(inside), weight)))
             constants = np.zeros((len(uav), 3))
-            constants[:, 0] = longest[uav] * self._efforts[uav]
+            constants[:, 0] = longest[uav] * self._utilisations[uav]
             constants[:, 1:] = differences[uav, place]
             yield entries, constants.ravel()
 

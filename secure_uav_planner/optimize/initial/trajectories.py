@@ -12,7 +12,7 @@ from ...model.grid import resample
 from ...model.problem import Problem
 from ...plan.plan import Plan
 
-_ROUNDING = 1e-4  # Move in m by which repair makes up for rounding errors.
+_ROUNDING = 1e-4  # Move in m by which retract makes up for rounding errors.
 
 
 def fly_hover_fly_positions(problem: Problem, check: Check = lambda: None) -> Array:
@@ -93,10 +93,10 @@ def adapt_plan(problem: Problem, plan: Plan,
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
     if not problem.keeps_motion(positions):
         check_durations(scenario, check)
-    repaired, powers = problem.repair(positions, powers)
-    clear = problem.is_clear(repaired)
-    if clear and np.abs(repaired - positions).max() < _ROUNDING:
-        return repaired, powers
+    retracted, powers = problem.retract(positions, powers)
+    clear = problem.is_clear(retracted)
+    if clear and np.abs(retracted - positions).max() < _ROUNDING:
+        return retracted, powers
     try:
         feasible = find_flights_near(problem, positions, check)
     except TimeLimitError:
@@ -104,5 +104,5 @@ def adapt_plan(problem: Problem, plan: Plan,
             raise
         feasible = None
     if feasible is None and clear:
-        feasible = repaired
+        feasible = retracted
     return feasible, powers

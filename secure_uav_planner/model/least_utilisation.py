@@ -16,12 +16,12 @@ from ..mission.validation import Array, read_only
 _ACCURACY = 1e-9
 
 
-def least_effort(vehicle: Vehicle, slots: int, step: float,
-                 check: Callable[[], None] = lambda: None) -> tuple[float, Array]:
+def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
+                         check: Callable[[], None] = lambda: None) -> tuple[float, Array]:
     """
-    Return the least effort of a flight, and its points (N+2, 2) in m from the start, read-only.
+    Return the least utilisation, and its flight's points (N+2, 2) in m from the start, read-only.
 
-    If the effort is above 1, no flight of N slots of `step` seconds keeps the limits; it is
+    If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits; it is
     infinite where the solver fails, as it does only where they are exceeded many times.
 
     :param check: called in the search; what it raises is passed on.
@@ -29,11 +29,12 @@ def least_effort(vehicle: Vehicle, slots: int, step: float,
     return _find_flight(_Question(vehicle, slots, step, check))
 
 
-def find_least_efforts(scenario: Scenario, check: Callable[[], None] = lambda: None) -> Array:
-    """Return the least efforts of the flights of a scenario, (U,)."""
+def find_least_utilisations(scenario: Scenario, check: Callable[[], None] = lambda: None) -> Array:
+    """Return the least utilisations of the flights of a scenario, (U,)."""
     slots = scenario.slots
     step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
-    return np.array([least_effort(uav.vehicle, slots, step, check)[0] for uav in scenario.uavs])
+    return np.array([minimise_utilisation(uav.vehicle, slots, step, check)[0]
+                     for uav in scenario.uavs])
 
 
 @dataclass(frozen=True)
@@ -49,23 +50,23 @@ class _Question:
 def _find_flight(question: _Question) -> tuple[float, Array]:
     vehicle, slots, step = question.vehicle, question.slots, question.step
     if vehicle.is_straight:
-        return (vehicle.straight_effort(slots, step),
+        return (vehicle.straight_utilisation(slots, step),
                 read_only(vehicle.fly_straight(slots, step)))
-    program = _EffortProgram(vehicle, slots, step)
+    program = _UtilisationProgram(vehicle, slots, step)
     velocities = program.solve(question.check)
     if velocities is None:
         return math.inf, read_only(vehicle.fly_straight(slots, step))
     points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
     points[-1] = vehicle.displacement
-    return program.measure_effort(velocities), read_only(points)
+    return program.measure_utilisation(velocities), read_only(points)
 
 
-class _EffortProgram:
+class _UtilisationProgram:
     """
-    The second-order cone program of the least effort of a flight with given end velocities.
+    The second-order cone program of the least utilisation of a flight with given end velocities.
 
-    It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step over the
-    velocities w, (N+1, 2) in m/s, whose sum is that of the displacement.
+    It minimises the utilisation r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step over
+    the velocities w, (N+1, 2) in m/s, whose sum is that of the displacement.
     """
 
     def __init__(self, vehicle: Vehicle, slots: int, step: float) -> None:
@@ -75,14 +76,14 @@ class _EffortProgram:
         self._sum: Array = np.array(vehicle.displacement) / step
         self._gain = vehicle.max_acceleration * step
 
-    def measure_effort(self, velocities: Array) -> float:
-        """Return the effort of a flight."""
+    def measure_utilisation(self, velocities: Array) -> float:
+        """Return the utilisation of a flight."""
         changes = np.diff(self._with_ends(velocities), axis=0)
         return float(max(_lengths(velocities).max() / self._vehicle.max_speed,
                          _lengths(changes).max(initial=0.0) / self._gain))
 
     def solve(self, check: Callable[[], None]) -> Array | None:
-        """Return the velocities of the flight of least effort, or None if Clarabel has none."""
+        """Return the velocities of least utilisation, or None if Clarabel has none."""
         moves, top, first = self._moves, self._vehicle.max_speed, len(self._ends[0])
         given = self._with_ends(np.zeros((moves, 2)))
         change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
