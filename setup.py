@@ -51,6 +51,7 @@ ros = [
     'ros-jazzy-common-interfaces==5.3.6',
 ]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
+explore = ['dash>=4.0', 'plotly>=5.15']
 campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']
 
 setup(
@@ -79,8 +80,8 @@ setup(
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
     # `ros` is for machines without ROS: an installed ROS has these already. None has Python 3.14.
     extras_require={
-        'ros': ros, 'view': view, 'campaign': campaign,
-        'all': [*campaign, *(f'{name}; python_version < "3.14"' for name in ros)],
+        'ros': ros, 'view': view, 'explore': explore, 'campaign': campaign,
+        'all': [*campaign, *explore, *(f'{name}; python_version < "3.14"' for name in ros)],
         'test': ['pytest']},  # By which colcon chooses it; the rest is in test/requirements.txt.
     zip_safe=False,
     author='secure_uav_planner maintainers',

@@ -149,7 +149,7 @@ class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
 
 
 _EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
-           'distributed': 'campaign', 'joblib': 'campaign'}
+           'dash': 'explore', 'distributed': 'campaign', 'joblib': 'campaign'}
 
 
 @contextmanager

@@ -51,6 +51,7 @@ OPTIONAL = {
     'test_bench.py': ['casadi'],
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
+    'test_explore.py': ['dash', 'plotly', 'selenium'],
     'test_fly.py': ['rotorpy'],
     'test_measured.py': ['casadi'],
     'test_page.py': ['plotly', 'selenium'],

@@ -488,6 +488,7 @@ ROS = 'rclpy', 'rcl_interfaces', 'std_msgs'
     (ROS, ['node', 'planner'], 2, 'ros'), (['matplotlib'], ['show', 'a/b/plan.json'], 2, 'view'),
     (['plotly'], ['show', 'a/b/plan.json', '-o', 'plan.html'], 2, 'view'),
     (['matplotlib'], ['assess', 'a/b/plan.json', '--draws', '10'], 0, 'view'),
+    (['dash'], ['explore', 'mission.yaml'], 2, 'explore'),
     (['joblib'], ['sweep', 'campaign.yaml'], 2, 'campaign'),
     (['distributed'], ['sweep', 'campaign.yaml', '--scheduler', 'tcp://127.0.0.1:1'], 2,
      'campaign')])

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[1]
 
 # What PyPI has and neither an installed ROS nor rosdep brings; the package does without.
-ABSENT = ('casadi', 'mcap', 'mcap_ros2', 'mypy', 'plotly', 'rosbags', 'selenium')
+ABSENT = ('casadi', 'dash', 'mcap', 'mcap_ros2', 'mypy', 'plotly', 'rosbags', 'selenium')
 # All files are collected, so that all must do without; these are run: they take half a minute.
 SOME = ' or '.join(f'test_{name}.py' for name in (
     'config', 'load', 'plan', 'replay', 'scenario'))

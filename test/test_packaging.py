@@ -27,7 +27,7 @@ KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'py
 WITH_ANOTHER = {'clarabel': 'cvxpy'}
 # rosdep has no key, or only one that installs by pip and would bring NumPy 2; the nodes, their
 # tests and the library do without.
-FROM_PYPI = {'casadi', 'distributed', 'mcap', 'plotly', 'pyarrow',
+FROM_PYPI = {'casadi', 'distributed', 'flask', 'mcap', 'plotly', 'pyarrow', 'werkzeug',
              *(name for names in OPTIONAL.values() for name in names)}
 
 

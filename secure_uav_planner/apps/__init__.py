@@ -1,1 +1,1 @@
-"""The command and its campaigns."""
+"""The command, its campaigns, and the page on which a mission is dragged."""

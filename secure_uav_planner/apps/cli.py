@@ -13,8 +13,8 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import (
-    brief, MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
-    ScenarioError, StoppedError)
+    brief, MissingPackageError, MissionFileError, name_missing_package, OptionError, PlanFileError,
+    PlanningError, quote, ScenarioError, StoppedError)
 from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES
 from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilot_limits import AUTOPILOTS
@@ -44,6 +44,7 @@ A first plan:
   secure_uav_planner new mission.yaml      write an example, to edit
   secure_uav_planner check mission.yaml    say all that is wrong with it
   secure_uav_planner plan mission.yaml     plan it; results in out/
+  secure_uav_planner explore mission.yaml  drag it in a browser, and see its best plan
 """
 _STATUS = 'exit status:\n' + '\n'.join(
     f'  {number:<5}{text}' for number, text in EXIT_STATUSES.items())
@@ -74,7 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             argcomplete.autocomplete(parser)
         options = parser.parse_args(argv)
         os.environ['MPLBACKEND'] = 'Agg'  # A notebook's is not there in every environment.
-        run = resolve_name(f'{__package__}.{options.run}')
+        with name_missing_package():
+            run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -225,6 +227,10 @@ the best plan so far.""", {
     'new': ('missions:create_mission', 'write an example mission with every field explained', '', {
         'mission': {'help': 'file to write'},
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
+    'explore': ('explore:explore_mission', 'drag a mission and see its best plan', '', {
+        'mission': {'nargs': '?', 'help': f'{_MISSION} (default: the example of `new`)'},
+        '--port': {'type': _parse_whole, 'default': 0, 'metavar': 'N',
+                   'help': 'port of this computer that the page is at (default: a free one)'}}),
     'show': ('planning:show_plan', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '

@@ -44,7 +44,19 @@ class PlanTraces:
     def map_traces(self):
         """Yield what stands still on the map: airspace, ways, receivers, starts and goals."""
         plan = self.plan
+        yield from margin_traces(plan.scenario)
         yield from _airspace_traces(plan.scenario)
+        yield from self.way_traces()
+        if not plan.scenario.has_tracks:
+            yield from self._receiver_traces(0)
+        for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
+            yield _scatter(  # Wider than the UAVs at these points.
+                getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
+                marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
+
+    def way_traces(self):
+        """Yield the way of each receiver that moves, with times at it."""
+        plan = self.plan
         marks = np.linspace(0, plan.scenario.slots + 1, _WAY_MARKS).round().astype(int)
         for index, (name, way, color) in enumerate(list_ways(plan.scenario, plan.times)):
             yield _scatter(way, mode='lines', name=f'way of {name}', hoverinfo='name',
@@ -54,12 +66,6 @@ class PlanTraces:
                 text=[f'{time:.0f} s' for time in plan.times[marks].tolist()],
                 textposition='middle left' if index % 2 else 'middle right',
                 textfont={'size': 10, 'color': color}, marker={'size': 4, 'color': color})
-        if not plan.scenario.has_tracks:
-            yield from self._receiver_traces(0)
-        for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
-            yield _scatter(  # Wider than the UAVs at these points.
-                getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
-                marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
 
     def path_traces(self):
         """Yield the path of each UAV on the map."""
@@ -170,10 +176,15 @@ class PlanTraces:
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
 
+def power_range(peak):
+    """Return the decades of the axis of powers for the largest peak power in W."""
+    return np.log10([_LEAST_POWER * peak, 2 * peak]).tolist()
+
+
 def label_charts(figure, peak, column):
     """Label the axes of powers, rates and what is delivered in a column of subplots."""
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
-                        range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=column)
+                        range=power_range(peak), row=1, col=column)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero',
                         row=2, col=column)
     figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero',
@@ -200,13 +211,17 @@ def _dot(x, y, color, group):
                       hoverinfo='skip', cliponaxis=False, marker={'color': color, 'size': 9})
 
 
-def _airspace_traces(scenario):
-    """Yield fence and zones with their margins; zones at other altitudes are not filled."""
+def margin_traces(scenario):
+    """Yield the margins of zones and fence."""
     for index, ring in enumerate(margin_rings(scenario)):
         yield _scatter(
             ring, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
             hoverinfo='skip', legendgroup='margin', showlegend=index == 0,
             name=f'margin of {scenario.tracking_margin:g} m')
+
+
+def _airspace_traces(scenario):
+    """Yield fence and zones; zones at other altitudes are not filled."""
     kinds = []
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
         filled = is_obstacle(zone, scenario)

@@ -85,15 +85,16 @@ _Loader.add_constructor('tag:yaml.org,2002:float', lambda loader, node: float(
 _Dumper.add_representer(tuple, _Dumper.represent_list)
 
 
-def read_document(path: str | os.PathLike[str]) -> Document:
+def read_document(path: str | os.PathLike[str], text: str | None = None) -> Document:
     """
     Read a file: JSON if its name ends with .json, otherwise YAML.
 
+    :param text: what it has, if that is no file yet.
     :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
     :raises MissionFileError: for a wrong syntax, with the line.
     """
     try:
-        text = read_text(path, MOST_BYTES)
+        text = read_text(path, MOST_BYTES) if text is None else text
         return _parse_json(text) if _is_json(path) else _parse_yaml(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(error.lineno, f'{error.msg} at column {error.colno}')

@@ -31,13 +31,14 @@ _FOREIGN_FILES = {
                        'parameter mission_file names'}
 
 
-def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
+def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None = None) -> Any:
     """
     Read the mission of a file; see Scenario.load.
 
     :param kind: the class Scenario, which imports this module.
+    :param text: what the file has, if that is no file yet; it may then name no other file.
     """
-    document = read_document(path)
+    document = read_document(path, text)
     for field, description in _FOREIGN_FILES.items():
         if _has_field(document.data, field):
             raise make_file_error(path, [FileProblem(None, f'it is {description}')])
@@ -47,7 +48,7 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
             None, 'the file is empty; it must have the fields of a mission'), *problems])
     try:
         with yaml_notation():
-            if isinstance(data, dict) and 'airspace' in data:
+            if text is None and isinstance(data, dict) and 'airspace' in data:
                 _add_airspace(data, Path(path).parent)
     except ScenarioError as error:
         problems += _locate(document, error)

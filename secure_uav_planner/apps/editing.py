@@ -1,0 +1,194 @@
+"""A mission that is edited: as shapes of Plotly to drag, its fields, and what is added."""
+
+from collections.abc import Callable, Iterator, Mapping
+import copy
+from dataclasses import asdict
+from functools import partial, reduce
+import itertools
+import json
+import math
+import operator
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import Place
+from ..mission.scenario import Array, Scenario
+from ..output.drawing import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
+
+Mission = dict[str, Any]
+"""Plain values, as Scenario.to_dict returns them and JSON has them."""
+
+_OPTIONAL = ('max_acceleration', 'outage')  # 0 on a slider is null in a mission.
+_DISC = ((9, 0), (6, 6), (0, 9), (-6, 6), (-9, 0), (-6, -6), (0, -9), (6, -6))
+_SQUARE = ((-8, -8), (8, -8), (8, 8), (-8, 8))
+_DIAMOND = ((5, 0), (0, 5), (-5, 0), (0, -5))
+_TRIANGLE = ((-9, -7), (9, -7), (0, 10))
+
+
+def to_mission(scenario: Scenario) -> Mission:
+    """Return a Scenario with all fields that can be edited."""
+    return json.loads(json.dumps({**scenario.to_dict(), 'channel': asdict(scenario.channel),
+                                  'colluding': scenario.colluding}))
+
+
+class Handle(NamedTuple):
+    """A shape, the place of what it moves, and the place of what is removed by it, () if none."""
+
+    shape: dict[str, Any]
+    place: Place
+    removes: Place
+
+
+def list_handles(mission: Mission) -> list[Handle]:
+    """Return the shapes of a mission; the last of them lie above the others."""
+    return [*_list_areas(mission), *_list_receivers(mission), *(
+        Handle(_draw_point(uav[end], outline, uav_color(number)), ('uavs', number, end),
+               ('uavs', number))
+        for number, uav in enumerate(mission['uavs'])
+        for end, outline in (('goal', _SQUARE), ('start', _DISC)))]
+
+
+def _list_areas(mission: Mission) -> Iterator[Handle]:
+    """Yield the fence and the zones, each with its corners, of which three remain."""
+    areas: list[tuple[Place, Place, str, str]] = [
+        (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), NO_FLY_ZONE, zone['name'])
+        for number, zone in enumerate(mission['no_fly_zones'])]
+    if mission['geofence'] is not None:
+        areas.insert(0, (('geofence',), ('geofence',), GEOFENCE, ''))
+    for owner, place, color, text in areas:
+        vertices = reduce(operator.getitem, place, mission)
+        # Plotly drags an open path by its line only, so that the map inside a fence stays free.
+        is_fence = color == GEOFENCE
+        outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:is_fence]])
+        yield Handle({'type': 'path', 'path': f'M{outline}{"" if is_fence else "Z"}',
+                      'line': {'color': color, 'width': 2}, 'opacity': 0.6,
+                      'fillcolor': 'rgba(0,0,0,0)' if is_fence else color,
+                      'label': {'text': text}}, place, owner)
+        for number, vertex in enumerate(vertices):
+            corner = (*place, number)
+            yield Handle(_draw_point(vertex, _DIAMOND, color), corner,
+                         corner if len(vertices) > 3 else owner)
+
+
+def _list_receivers(mission: Mission) -> Iterator[Handle]:
+    """Yield discs with their middles, and the ground node, for each knot where they move."""
+    for number, eve in enumerate(mission['eavesdroppers']):
+        owner, name = ('eavesdroppers', number), eve['name']
+        discs = [((*owner, 'track', knot), disc, f'{name} {time:g} s')
+                 for knot, (time, *disc) in enumerate(eve.get('track', ()))] or [
+                     (owner, (*eve['position'], eve['error_radius']), name)]
+        for place, (x, y, radius), text in discs:
+            removes = place if len(discs) > 2 else owner
+            yield Handle({'type': 'circle', 'x0': x - radius, 'x1': x + radius, 'y0': y - radius,
+                          'y1': y + radius, 'fillcolor': EAVESDROPPER, 'opacity': 0.5,
+                          'line': {'color': EAVESDROPPER}}, place, removes)
+            yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), place, removes)
+    node = mission['ground_node']
+    if not isinstance(node, Mapping):
+        yield Handle(_draw_point(node, _TRIANGLE, GROUND_NODE), ('ground_node',), ())
+    else:
+        for knot, (time, *point) in enumerate(node['track']):
+            place = ('ground_node', 'track', knot)
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), place, place)
+
+
+def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[str, Any]:
+    """Return a shape of the same size in pixels at every zoom, with a text below it."""
+    path = 'L'.join(f'{x},{y}' for x, y in outline)
+    return {'type': 'path', 'path': f'M{path}Z', 'xsizemode': 'pixel', 'ysizemode': 'pixel',
+            'xanchor': point[0], 'yanchor': point[1], 'fillcolor': color,
+            'line': {'color': 'white', 'width': 1},
+            'label': {'text': text, 'textposition': 'bottom center', 'yanchor': 'top'}}
+
+
+def replace_value(mission: Mission, place: Place, change: Callable[[Any], Any]) -> Mission:
+    """Return the mission with a changed value at a place; a member of a list may become None."""
+    mission, (*path, last) = copy.deepcopy(mission), place
+    owner: Any = reduce(operator.getitem, path, mission)
+    owner[last] = change(owner[last])
+    if isinstance(owner, list) and owner[last] is None:
+        del owner[last]
+    return mission
+
+
+def remove_member(mission: Mission, number: int) -> Mission:
+    """Return the mission without what a shape of list_handles stands for."""
+    removes = list_handles(mission)[number].removes
+    return replace_value(mission, removes, lambda _: None) if removes else mission
+
+
+def drag(mission: Mission, changes: Mapping[str, Any]) -> Mission:
+    """Return the mission after relayoutData such as {'shapes[2].xanchor': 10.0, ...}."""
+    for number, (shape, place, _) in enumerate(list_handles(mission)):
+        moved = {name.rpartition('.')[2]: value for name, value in changes.items()
+                 if name.startswith(f'shapes[{number}].')}
+        if moved:
+            mission = replace_value(mission, place, partial(_move, {**shape, **moved}))
+    return mission
+
+
+def _move(shape: Mapping[str, Any], value: Any) -> Any:
+    """Return the value of a shape that was moved or resized, to 0.1 m."""
+    if shape['type'] == 'circle':
+        moved = _read_disc(shape, *value[1:]) if isinstance(value, list) else _read_disc(
+            shape, *value['position'], value['error_radius'])
+    elif 'xanchor' in shape:
+        moved = (shape['xanchor'], shape['yanchor'])
+    else:
+        numbers = [round(float(text), 1) for text in re.findall(r'[-+.\deE]+', shape['path'])]
+        return [list(point) for point in zip(numbers[::2], numbers[1::2])][:len(value)]
+    numbers = [round(number, 1) for number in moved]
+    if isinstance(value, dict):
+        return value | dict(zip(('position', 'error_radius'), (numbers[:2], *numbers[2:])))
+    first = len(value) > 2  # The time of a knot is before its place.
+    return [*value[:first], *numbers, *value[first + len(numbers):]]
+
+
+def _read_disc(shape: Mapping[str, Any], x: float, y: float, radius: float) -> tuple[float, ...]:
+    """Return centre and radius of a disc, whose centre stays if an edge was dragged."""
+    x0, x1, y0, y1 = (float(shape[name]) for name in ('x0', 'x1', 'y0', 'y1'))
+    if all(math.isclose(span, 2 * radius, abs_tol=1e-6) for span in (x1 - x0, y1 - y0)):
+        return (x0 + x1) / 2, (y0 + y1) / 2, radius
+    reaches = x1 - x, x - x0, y1 - y, y - y0
+    return x, y, abs(max(reaches, key=lambda reach: abs(reach - radius)))
+
+
+def read_field(mission: Mission, owner: str, field: str) -> Any:
+    """Return a field of the 'mission', the 'channel', or the first of the UAVs named so."""
+    value = next((item[field] for item in _list_owners(mission, owner)), None)
+    return 0.0 if value is None and field in _OPTIONAL else value
+
+
+def set_field(mission: Mission, owner: str, field: str, value: Any) -> Mission:
+    """Return the mission with another value of a field; slots keep their length."""
+    mission = copy.deepcopy(mission)
+    if field == 'duration' and value:
+        mission['slots'] = max(1, round(mission['slots'] * value / mission['duration']))
+    for item in _list_owners(mission, owner):
+        item[field] = (value or None) if field in _OPTIONAL else value
+    return mission
+
+
+def _list_owners(mission: Mission, owner: str) -> list[Any]:
+    return {'mission': [mission], 'channel': [mission['channel']], 'uavs': mission['uavs'],
+            'transmitter': mission['uavs'][:1], 'jammers': mission['uavs'][1:]}[owner]
+
+
+def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
+    """Return the mission with one more eavesdropper, jammer or zone in the middle of a map."""
+    (x, y), size = extent.mean(axis=0).round().tolist(), float(np.ptp(extent, axis=0).max() // 25)
+    field, member = {
+        'eavesdropper': ('eavesdroppers', {'position': [x, y], 'error_radius': size}),
+        'zone': ('no_fly_zones', {'vertices': [
+            [x - size, y - size], [x + size, y - size], [x + size, y + size],
+            [x - size, y + size]]}),
+        'jammer': ('uavs', {
+            **mission['uavs'][-1], 'start': [x - size, y], 'goal': [x + size, y],
+            # Above all others, where nothing can come close.
+            'altitude': max(uav['altitude'] for uav in mission['uavs'])
+            + max(10.0, mission['separation'] + 2 * mission['tracking_margin'])})}[kind]
+    names = {present['name'] for present in mission[field]}
+    name = next(name for number in itertools.count(1) if (name := f'{kind}{number}') not in names)
+    return {**mission, field: [*mission[field], copy.deepcopy({**member, 'name': name})]}

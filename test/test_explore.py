@@ -1,0 +1,374 @@
+"""The page to drag a mission on, in a real browser; what is drawn is what solve answers."""
+
+from concurrent.futures import wait
+from dataclasses import replace
+from http.client import HTTPConnection
+import json
+from pathlib import Path
+import re
+import signal
+import socket
+import subprocess
+import sys
+
+import numpy as np
+from processes import environment
+import pytest
+from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner.apps.editing import drag, list_handles, to_mission
+from secure_uav_planner.apps.explore import Editor
+from secure_uav_planner.mission.formats.mission_file import read_mission
+from secure_uav_planner.output.drawing import rate_label
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from test_page import browser_in, PATIENCE, wait_for
+
+PAPER = replace(Scenario.paper(120.0, slots=20), no_fly_zones=(
+    NoFlyZone(((250.0, 200.0), (350.0, 200.0), (300.0, 300.0)), name='tower'),))
+CAR = Eavesdropper(name='car', track=((0, 200, -300, 15), (60, 200, 0, 15), (120, 200, 300, 15)))
+EVERYTHING = replace(
+    PAPER, eavesdroppers=(*PAPER.eavesdroppers, CAR), ground_node=None,
+    ground_node_track=((0, 0, 0), (120, 50, 0)),
+    geofence=((-900, -900), (900, -900), (900, 900), (-900, 900)))
+CITY = Path(__file__).parents[1] / 'config' / 'city.yaml'
+
+
+# Whether the plan, the sliders and the graphs, each in its place, are drawn.
+READY = """
+const plots = ['map', 'charts'].map(name => document.getElementById(name)?.querySelector(
+    '.main-svg'));
+return document.getElementById('words')?.innerText.includes('worst-case')
+    && document.querySelector('#fields [role=slider]')
+    && plots.every(plot => plot?.querySelector('.scatterlayer .trace')
+                   && plot.clientHeight === plot.closest('.dash-graph').clientHeight);"""
+
+
+# The mission after a drag
+
+
+@pytest.mark.parametrize('number', range(len(list_handles(to_mission(EVERYTHING)))))
+def test_a_dragged_shape_moves_its_own_value_by_as_much_and_no_other(number):
+    mission = to_mission(EVERYTHING)
+    shape, place, _ = list_handles(mission)[number]
+    names = {name: shape[name] + (3.0 if name[0] == 'x' else -4.0)
+             for name in ('x0', 'x1', 'xanchor', 'y0', 'y1', 'yanchor') if name in shape}
+    if not names:
+        steps = iter([3.0, -4.0] * shape['path'].count(','))
+        names = {'path': re.sub(r'-?[\d.]+', lambda text: str(float(text[0]) + next(steps)),
+                                shape['path'])}
+    after = drag(mission, {f'shapes[{number}].{name}': value for name, value in names.items()})
+    assert drag(after, {'xaxis.range[0]': 0.0}) == after != mission
+    flat = [numbers_of(Scenario.from_dict(data)) for data in (mission, after)]
+    difference = np.subtract(*flat[::-1])
+    moved = difference[difference != 0].reshape(-1, 2)
+    np.testing.assert_allclose(moved, np.broadcast_to([3.0, -4.0], moved.shape), atol=1e-9)
+    whole = place[-1] in ('vertices', 'geofence')
+    assert len(moved) == (shape['path'].count(',') - (place == ('geofence',)) if whole else 1)
+
+
+def numbers_of(scenario):
+    """Return all coordinates of a scenario as a list."""
+    return [float(number) for points in (
+        scenario.starts, scenario.goals, *(zone.vertices for zone in scenario.no_fly_zones),
+        scenario.geofence, scenario.ground_node_track,
+        *(eve.track or [(*eve.position, eve.error_radius)] for eve in scenario.eavesdroppers))
+        for point in points for number in point]
+
+
+@pytest.mark.parametrize('edge, sign', [('x0', -1), ('x1', 1), ('y0', -1), ('y1', 1)])
+def test_a_dragged_edge_of_a_disc_is_a_new_radius_around_its_centre(edge, sign):
+    mission = to_mission(PAPER)
+    number, (shape, *_) = next(
+        (number, handle) for number, handle in enumerate(list_handles(mission))
+        if handle.shape['type'] == 'circle')
+    after = drag(mission, {f'shapes[{number}].{edge}': shape[edge] + 25.0 * sign})
+    eve, = Scenario.from_dict(after).eavesdroppers
+    assert (eve.position, eve.error_radius) == ((200.0, 0.0), 35.0)
+
+
+# Solves
+
+
+def test_a_solve_tells_its_progress_and_ends_when_the_mission_changes():
+    editor = Editor(Scenario.load(CITY))
+    slow = editor.solve()
+    while not editor.progress.startswith('planning: '):
+        assert not slow.done()
+    editor.edit(to_mission(PAPER))
+    fast = editor.solve()
+    assert fast is editor.solve() is not slow
+    assert not wait([slow, fast], PATIENCE).not_done
+    assert slow.exception() or slow.result().status == 'cancelled'
+    assert fast.result().positions.tolist() == solve(PAPER).positions.tolist()
+
+
+def test_a_solve_ends_after_a_few_seconds_with_what_it_has():
+    large = replace(Scenario.load(CITY), duration=2000.0, slots=2000)
+    plan = Editor(large).solve()
+    assert not wait([plan], PATIENCE).not_done
+    assert plan.exception() or plan.result().status == 'time_limit'
+
+
+# The page
+
+
+class Page:
+    """The page of a mission as a user sees it."""
+
+    def __init__(self, browser, url):
+        self.browser = browser
+        browser.get(url)
+        wait_for(browser, lambda: browser.execute_script(READY))
+
+    def text(self, name):
+        return self.browser.find_element(By.ID, name).text
+
+    @property
+    def yaml(self):
+        return self.browser.find_element(By.ID, 'yaml').get_property('value')
+
+    @property
+    def mission(self):
+        return read_mission('mission.yaml', Scenario, self.yaml)
+
+    def place_of(self, place):
+        """Return the middle of the last shape that moves a place of the mission, in pixels."""
+        number = max(number for number, handle in enumerate(list_handles(to_mission(self.mission)))
+                     if handle.place == place)
+        box = self.browser.find_element(
+            By.CSS_SELECTOR, f'#map path[data-index="{number}"]').rect
+        return [round(box[side] + box[size] / 2) for side, size in (
+            ('x', 'width'), ('y', 'height'))]
+
+    def drag(self, start, end):
+        self._point(start, 'pointer_down', [(start[axis] + end[axis]) // 2 for axis in (0, 1)],
+                    end, 'pointer_up')
+
+    def click_twice(self, place):
+        self._point(place, *['pointer_down', 'pointer_up'] * 2)
+
+    def _point(self, *steps):
+        actions = ActionChains(self.browser, duration=0)
+        for step in steps:
+            pointer = actions.w3c_actions.pointer_action
+            getattr(pointer, step)() if isinstance(step, str) else pointer.move_to_location(*step)
+        actions.perform()
+
+    def click(self, text):
+        self.browser.find_element(By.XPATH, f'//button[text()="{text}"]').click()
+
+    def write(self, text):
+        pane = self.browser.find_element(By.ID, 'yaml')
+        pane.send_keys(Keys.CONTROL, 'a')
+        pane.send_keys(text, Keys.TAB)
+
+    def wait_for_change(self, yaml):
+        """Wait until the mission is another one than a text, and its plan is shown."""
+        wait_for(self.browser, lambda: self.yaml != yaml)
+        self.wait_for_plan()
+
+    def wait_for_plan(self):
+        """Wait until the plan shown is solve of the mission shown."""
+        plan = solve(self.mission)
+        wait_for(self.browser, lambda: self.text('words').startswith(rate_label(plan)))
+        wait_for(self.browser, lambda: np.allclose(self.path(0), plan.positions[0].T))
+        return plan
+
+    def path(self, number):
+        """Return where a UAV flies on the map, (2, N+2) in m."""
+        return self.browser.execute_script("""
+            const trace = document.querySelector('#map .js-plotly-plot').data
+                .filter(trace => trace.showlegend !== false)[arguments[0]];
+            return [trace.x, trace.y];""", number)
+
+
+@pytest.fixture(scope='module')
+def url(tmp_path_factory):
+    """Return the address of the page of the paper's mission, from the real command."""
+    folder = tmp_path_factory.mktemp('explore')
+    PAPER.save(folder / 'mission.yaml')
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'secure_uav_planner', 'explore', 'mission.yaml'], cwd=folder,
+        stdout=subprocess.PIPE, text=True, env=environment(BROWSER='true'))
+    try:
+        yield re.search(r'http://127\.0\.0\.1:\d+/', process.stdout.readline())[0]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    finally:
+        process.kill()
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('browser')
+    with browser_in(folder) as driver:
+        driver.folder = folder / 'downloads'
+        driver.folder.mkdir()
+        driver.execute_cdp_cmd('Browser.setDownloadBehavior', {
+            'behavior': 'allow', 'downloadPath': str(driver.folder)})
+        yield driver
+
+
+@pytest.fixture
+def page(browser, url):
+    return Page(browser, url)
+
+
+@pytest.mark.parametrize('place', [
+    ('eavesdroppers', 0), ('uavs', 1, 'start'), ('ground_node',), ('no_fly_zones', 0, 'vertices')])
+def test_a_drag_is_planned_as_solve_plans_it(page, place):
+    page.wait_for_plan()
+    before, (x, y) = page.yaml, page.place_of(place)
+    page.drag((x, y), (x + 20, y - 14))
+    page.wait_for_change(before)
+    x_now, y_now = page.place_of(place)
+    assert abs(x_now - x - 20) <= 1 and abs(y_now - y + 14) <= 1
+
+
+def test_a_start_in_a_zone_is_told_and_the_last_plan_stays(page):
+    page.wait_for_plan()
+    words, yaml, path = page.text('words'), page.yaml, page.path(0)
+    page.drag(page.place_of(('uavs', 1, 'start')), page.place_of(('no_fly_zones', 0, 'vertices')))
+    wait_for(page.browser, lambda: 'uav2.start is' in page.text('problem'))
+    assert 'inside tower' in page.text('problem') and page.yaml != yaml
+    assert page.text('words') == words and page.path(0) == path
+    page.click('undo')
+    wait_for(page.browser, lambda: page.yaml == yaml and page.text('problem') == '')
+    page.wait_for_plan()
+
+
+def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
+    before = page.yaml
+    thumb = page.browser.find_element(By.XPATH, '//label[text()="duration (s)"]/..'
+                                      ).find_element(By.CSS_SELECTOR, '[role=slider]').rect
+    x, y = round(thumb['x'] + thumb['width'] / 2), round(thumb['y'] + thumb['height'] / 2)
+    page.drag((x, y), (x + 15, y))
+    page.wait_for_change(before)
+    mission = page.mission
+    assert mission.duration > 130.0
+    assert mission.slots == round(mission.duration / 6.0)
+
+
+def test_what_is_added_is_planned_and_undo_redo_and_a_double_click_change_it_back(page):
+    before = page.yaml
+    for kind, members in (('zone', 'no_fly_zones'), ('eavesdropper', 'eavesdroppers'),
+                          ('jammer', 'uavs')):
+        yaml, count = page.yaml, len(getattr(page.mission, members))
+        page.click(f'+ {kind}')
+        page.wait_for_change(yaml)
+        assert len(getattr(page.mission, members)) == count + 1
+    after = page.yaml
+    page.click('undo')
+    page.wait_for_change(after)
+    page.click('redo')
+    wait_for(page.browser, lambda: page.yaml == after)
+    page.wait_for_plan()
+    for place in (('uavs', 2, 'goal'), ('eavesdroppers', 1), ('no_fly_zones', 1, 'vertices')):
+        yaml = page.yaml
+        page.click_twice(page.place_of(place))
+        page.wait_for_change(yaml)
+    assert page.yaml == before
+
+
+def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):
+    kept = page.wait_for_plan()
+    before, (x, y) = page.yaml, page.place_of(('eavesdroppers', 0))
+    page.drag((x, y), (x + 40, y))
+    page.wait_for_change(before)
+    difference = solve(page.mission).rate - kept.rate
+    assert f'{difference:+.2f} bit/s/Hz' in page.text('words')
+    grey = page.browser.execute_script("""
+        return document.querySelector('#map .js-plotly-plot').data
+            .filter(trace => trace.line.color === '#BBBBBB').map(trace => [trace.x, trace.y]);""")
+    np.testing.assert_allclose(np.moveaxis(grey, 1, 2), kept.positions)
+    page.click('keep this plan')
+    wait_for(page.browser, lambda: 'against' not in page.text('words'))
+
+
+def test_the_text_is_the_mission_and_its_errors_are_told_by_line(page):
+    before = page.yaml
+    page.write(before.replace('duration: 120.0', 'duration: 130.0'))
+    page.wait_for_change(before)
+    wait_for(page.browser, lambda: page.yaml.count('130.0') == 1)
+    assert page.mission.duration == 130.0
+    page.write(page.yaml.replace('error_radius: 10.0', 'error_radius: wide'))
+    line = 1 + page.yaml.split('error_radius')[0].count('\n')
+    wait_for(page.browser, lambda: f'line {line}: ' in page.text('problem'))
+    assert 'wide' in page.text('problem') and 'wide' in page.yaml
+
+
+def test_a_text_names_no_files(page, tmp_path):
+    (tmp_path / 'zones.geojson').write_text('secret')
+    page.write(f'{page.yaml}\nairspace: {tmp_path}/zones.geojson')
+    wait_for(page.browser, lambda: 'airspace' in page.text('problem'))
+    assert "has no field 'airspace'" in page.text('problem')
+
+
+def test_mission_and_plan_can_be_downloaded(page):
+    plan = page.wait_for_plan()
+    for name in ('mission.yaml', 'plan.json'):
+        page.click(f'download {name}')
+        wait_for(page.browser, (page.browser.folder / name).exists)
+    assert Scenario.load(page.browser.folder / 'mission.yaml') == PAPER
+    saved = Plan.load(page.browser.folder / 'plan.json')
+    assert saved.positions.tolist() == plan.positions.tolist()
+
+
+@pytest.mark.parametrize('width', [360, 1280])
+def test_the_page_fits_a_screen(browser, url, width):
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
+        'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500})
+    try:
+        page = Page(browser, url)
+        assert browser.execute_script('return document.documentElement.scrollWidth') <= width
+        boxes = [browser.find_element(By.CSS_SELECTOR, f'#{name} .main-svg').rect
+                 for name in ('map', 'charts')]
+        assert all(box['width'] > 300 and box['height'] > 300 for box in boxes)
+        page.wait_for_plan()
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_the_page_asks_its_own_server_only_and_logs_no_errors(page, url):
+    asked = page.browser.execute_script(
+        'return performance.getEntriesByType("resource").map(entry => entry.name)')
+    assert [name for name in asked if not name.startswith((url, 'data:', 'blob:'))] == []
+    assert [entry for entry in page.browser.get_log('browser') if entry['level'] == 'SEVERE'] == []
+
+
+# Who is answered
+
+
+def ask(url, method='GET', path='/', body=None, **headers):
+    connection = HTTPConnection(url.split('/')[2], timeout=PATIENCE)
+    connection.request(method, path, body, headers)
+    return connection.getresponse()
+
+
+def test_other_hosts_and_origins_are_refused(url):
+    own = url.rstrip('/')
+    host = url.split('/')[2]
+    assert ask(url).status == 200 and ask(url, Origin=own).status == 200
+    assert ask(url, Host='attacker.example').status == 403  # DNS rebinding.
+    assert ask(url, Host=f'attacker.example:{host.split(":")[1]}').status == 403
+    for origin in ('http://attacker.example', 'null', f'https://{host}', f'{own}.example'):
+        answer = ask(url, 'POST', '/_dash-update-component', json.dumps({}), Origin=origin,
+                     **{'Content-Type': 'text/plain'})
+        assert answer.status == 403 and answer.getheader('Access-Control-Allow-Origin') is None
+
+
+def test_the_page_is_at_this_computer_only(url):
+    port = int(url.split(':')[2].strip('/'))
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(('127.0.0.2', port), PATIENCE)
+
+
+def test_a_port_that_is_taken_is_told():
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        done = subprocess.run(
+            [sys.executable, '-m', 'secure_uav_planner', 'explore', '--port', str(port)],
+            capture_output=True, text=True, timeout=PATIENCE, env=environment(BROWSER='true'))
+    assert done.returncode == 2 and f'--port is {port}; ' in done.stderr
+    assert len(done.stderr.splitlines()) == 1
