@@ -136,14 +136,18 @@ class Page:
         """Return the middle of the last shape that moves a place of the mission, in pixels."""
         number = max(number for number, handle in enumerate(list_handles(to_mission(self.mission)))
                      if handle.place == place)
-        box = self.browser.find_element(
-            By.CSS_SELECTOR, f'#map path[data-index="{number}"]').rect
-        return [round(box[side] + box[size] / 2) for side, size in (
-            ('x', 'width'), ('y', 'height'))]
+        return self.middle_of(f'#map path[data-index="{number}"]')
+
+    def middle_of(self, selector):
+        """Return the middle of an element, in pixels."""
+        return self.browser.execute_script("""
+            const box = document.querySelector(arguments[0]).getBoundingClientRect();
+            return [box.x + box.width / 2, box.y + box.height / 2].map(Math.round);""", selector)
 
     def drag(self, start, end):
-        self._point(start, 'pointer_down', [(start[axis] + end[axis]) // 2 for axis in (0, 1)],
-                    end, 'pointer_up')
+        middle = [(start[axis] + end[axis]) // 2 for axis in (0, 1)]
+        for step in (start, 'pointer_down', middle, end, 'pointer_up'):
+            self._point(step)
 
     def click_twice(self, place):
         self._point(place, *['pointer_down', 'pointer_up'] * 2)
@@ -165,8 +169,15 @@ class Page:
 
     def wait_for_change(self, yaml):
         """Wait until the mission is another one than a text, and its plan is shown."""
-        wait_for(self.browser, lambda: self.yaml != yaml)
+        self.wait_for_shapes(yaml)
         self.wait_for_plan()
+
+    def wait_for_shapes(self, yaml):
+        """Wait until the mission is another one than a text, and as many shapes are shown."""
+        wait_for(self.browser, lambda: self.yaml != yaml)
+        count = len(list_handles(to_mission(self.mission)))
+        wait_for(self.browser, lambda: len(self.browser.find_elements(
+            By.CSS_SELECTOR, '#map path[data-index]')) == count)
 
     def wait_for_plan(self):
         """Wait until the plan shown is solve of the mission shown."""
@@ -240,9 +251,7 @@ def test_a_start_in_a_zone_is_told_and_the_last_plan_stays(page):
 
 def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
     before = page.yaml
-    thumb = page.browser.find_element(By.XPATH, '//label[text()="duration (s)"]/..'
-                                      ).find_element(By.CSS_SELECTOR, '[role=slider]').rect
-    x, y = round(thumb['x'] + thumb['width'] / 2), round(thumb['y'] + thumb['height'] / 2)
+    x, y = page.middle_of('#fields > :first-child [role=slider]')
     page.drag((x, y), (x + 15, y))
     page.wait_for_change(before)
     mission = page.mission
@@ -250,25 +259,27 @@ def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
     assert mission.slots == round(mission.duration / 6.0)
 
 
-def test_what_is_added_is_planned_and_undo_redo_and_a_double_click_change_it_back(page):
+def test_undo_redo_and_a_double_click_change_back_what_buttons_add(page):
     before = page.yaml
     for kind, members in (('zone', 'no_fly_zones'), ('eavesdropper', 'eavesdroppers'),
                           ('jammer', 'uavs')):
         yaml, count = page.yaml, len(getattr(page.mission, members))
         page.click(f'+ {kind}')
-        page.wait_for_change(yaml)
+        page.wait_for_shapes(yaml)
         assert len(getattr(page.mission, members)) == count + 1
     after = page.yaml
     page.click('undo')
-    page.wait_for_change(after)
+    page.wait_for_shapes(after)
+    yaml = page.yaml
     page.click('redo')
-    wait_for(page.browser, lambda: page.yaml == after)
-    page.wait_for_plan()
+    page.wait_for_shapes(yaml)
+    assert page.yaml == after
     for place in (('uavs', 2, 'goal'), ('eavesdroppers', 1), ('no_fly_zones', 1, 'vertices')):
         yaml = page.yaml
         page.click_twice(page.place_of(place))
-        page.wait_for_change(yaml)
+        page.wait_for_shapes(yaml)
     assert page.yaml == before
+    page.wait_for_plan()
 
 
 def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):

@@ -208,11 +208,15 @@ def make_app(scenario: Scenario, port: int) -> Dash:
 
     @app.callback(
         Output('map', 'figure'), Output('charts', 'figure'), Output('words', 'children'),
-        Output('problem', 'children'), Output('tick', 'max_intervals'),
+        Output('problem', 'children'), Output('tick', 'max_intervals'), Output('drawn', 'data'),
         Input('version', 'data'), Input('tick', 'n_intervals'), Input('keep', 'n_clicks'),
-        State('page', 'data'))
-    def follow(version: int, ticks: int, clicks: Any, page: str) -> Any:
-        return _follow(editors[page], ctx.triggered_id, ticks)
+        State('drawn', 'data'), State('page', 'data'))
+    def follow(_: int, ticks: int, clicks: Any, drawn: int, page: str) -> Any:
+        editor = editors[page]
+        if ctx.triggered_id == 'keep':
+            editor.kept = editor.plan
+        version = editor.version
+        return *_follow(editor, drawn != version, ticks), version
 
     @app.callback(Output('download', 'data'), Input({'save': ALL}, 'n_clicks'),
                   State('page', 'data'), prevent_initial_call=True)
@@ -258,12 +262,10 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
         no_update if field == before else field for field, before in zip(fields, values)]
 
 
-def _follow(editor: Editor, trigger: str | None, ticks: int) -> Any:
-    """Return the outputs of the callback `follow`: the mission and its plan, or its progress."""
+def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
+    """Return what is shown of a mission, new or not: its shapes and plan, or its progress."""
     on_map = Patch()
-    if trigger == 'keep':
-        editor.kept = editor.plan
-    if trigger != 'tick':
+    if is_new:
         on_map['layout']['shapes'] = [item.shape for item in list_handles(editor.mission)]
     try:
         future = editor.solve()
@@ -317,6 +319,7 @@ def _lay_out(page: str, scenario: Scenario) -> html.Div:
             *(html.Button(f'download {name}', id={'save': name}) for name in (_MISSION, _PLAN)),
             dcc.Textarea(id='yaml', value=_format(mission), spellCheck='false')]),
         dcc.Store(id='page', data=page), dcc.Store(id='version', data=0), dcc.Store(id='removed'),
+        dcc.Store(id='drawn', data=0),
         dcc.Interval(id='tick', interval=200, n_intervals=0, max_intervals=0),
         dcc.Download(id='download')])
 
