@@ -145,15 +145,13 @@ class Page:
             return [box.x + box.width / 2, box.y + box.height / 2].map(Math.round);""", selector)
 
     def drag(self, start, end):
-        middle = [(start[axis] + end[axis]) // 2 for axis in (0, 1)]
-        for step in (start, 'pointer_down', middle, end, 'pointer_up'):
-            self._point(step)
+        self._point(start, 'pointer_down', end, 'pointer_up')
 
     def click_twice(self, place):
         self._point(place, *['pointer_down', 'pointer_up'] * 2)
 
     def _point(self, *steps):
-        actions = ActionChains(self.browser, duration=0)
+        actions = ActionChains(self.browser)
         for step in steps:
             pointer = actions.w3c_actions.pointer_action
             getattr(pointer, step)() if isinstance(step, str) else pointer.move_to_location(*step)

@@ -85,13 +85,20 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
                           'y1': y + radius, 'fillcolor': EAVESDROPPER, 'opacity': 0.5,
                           'line': {'color': EAVESDROPPER}}, place, removes)
             yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), place, removes)
-    node = mission['ground_node']
-    if not isinstance(node, Mapping):
-        yield Handle(_draw_point(node, _TRIANGLE, GROUND_NODE), ('ground_node',), ())
-    else:
-        for knot, (time, *point) in enumerate(node['track']):
-            place = ('ground_node', 'track', knot)
+    nodes: list[tuple[Place, Any]] = [
+        (('ground_nodes', number), node)
+        for number, node in enumerate(mission.get('ground_nodes', ()))] or [
+            (('ground_node',), mission['ground_node'])]
+    for owner, node in nodes:
+        knots = node.get('track', ()) if isinstance(node, Mapping) else ()
+        for knot, (time, *point) in enumerate(knots):
+            place = (*owner, 'track', knot)
             yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), place, place)
+        if not knots:
+            place, point = ((*owner, 'position'), node['position']) if isinstance(
+                node, Mapping) else (owner, node)
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), place,
+                         owner if len(nodes) > 1 else ())
 
 
 def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[str, Any]:
