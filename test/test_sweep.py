@@ -386,7 +386,7 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
     ('mision: mission.yaml', 'did you mean mission?'),
     ('vary: {}', 'mission is null'), ('', 'it must be a mapping'),
     ('mission: none.yaml', 'mission none.yaml cannot be read: No such file'),
-    ('mission: {slots: 3}', 'lacks ground_node'), *(
+    ('mission: {slots: 3}', 'lacks eavesdroppers'), *(
         (f'mission: mission.yaml\n{line}', words) for line, words in (
             ('vary: 7', 'vary is 7'), ('vary: {uavs.7.altitude: [1]}', 'no field'),
             ('vary: {uavs.².altitude: [1]}', 'no field'),

@@ -322,5 +322,6 @@ def read_object(kind: type[Any], data: object, owner: str = '') -> Any:
     if isinstance(data, Mapping):
         given = {field.name: data.get(field.name, field.default) for field in fields(kind)}
         errors += FieldChecks(kind, SimpleNamespace(**{
-            name: value for name, value in given.items() if value not in (MISSING, REQUIRED)}))
+            name: value for name, value in given.items()
+            if value is not MISSING and value is not REQUIRED}))
     raise_all(errors)

@@ -146,8 +146,8 @@ class Scenario(Checked):
         elif item.ground_node_track is not None:
             set_by_track(checks, 'ground_node', item.ground_node_track)
         elif item.ground_node is None:
-            with checks.collecting():
-                checked_point('', 'ground_node', None)
+            checks.add('ground_node', f'is {quote(None)}; it must be two coordinates (x, y) in m, '
+                       'or there must be ground_nodes')
         if checks.are_right('ground_node'):
             object.__setattr__(item, 'ground_nodes', _Single([GroundNode(
                 item.ground_node, track=item.ground_node_track)]))
@@ -155,14 +155,6 @@ class Scenario(Checked):
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
         return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    @cached_property
-    def _hash(self) -> int:
-        # A solve looks up cached values by it many times.
-        return hash(tuple(getattr(self, field.name) for field in fields(self)))
 
     @classmethod
     def paper(cls, duration: float = 200.0, error_radius: float = 10.0,
