@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import Place
+from ..errors import FieldPath
 from ..mission.scenario import Array, Scenario
 from ..output.drawing import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
 
@@ -37,8 +37,8 @@ class Handle(NamedTuple):
     """A shape, the place of what it moves, and the place of what is removed by it, () if none."""
 
     shape: dict[str, Any]
-    place: Place
-    removes: Place
+    place: FieldPath
+    removes: FieldPath
 
 
 def list_handles(mission: Mission) -> list[Handle]:
@@ -52,7 +52,7 @@ def list_handles(mission: Mission) -> list[Handle]:
 
 def _list_areas(mission: Mission) -> Iterator[Handle]:
     """Yield the fence and the zones, each with its corners, of which three remain."""
-    areas: list[tuple[Place, Place, str, str]] = [
+    areas: list[tuple[FieldPath, FieldPath, str, str]] = [
         (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), NO_FLY_ZONE, zone['name'])
         for number, zone in enumerate(mission['no_fly_zones'])]
     if mission['geofence'] is not None:
@@ -85,7 +85,7 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
                           'y1': y + radius, 'fillcolor': EAVESDROPPER, 'opacity': 0.5,
                           'line': {'color': EAVESDROPPER}}, place, removes)
             yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), place, removes)
-    nodes: list[tuple[Place, Any]] = [
+    nodes: list[tuple[FieldPath, Any]] = [
         (('ground_nodes', number), node)
         for number, node in enumerate(mission.get('ground_nodes', ()))] or [
             (('ground_node',), mission['ground_node'])]
@@ -110,7 +110,7 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
             'label': {'text': text, 'textposition': 'bottom center', 'yanchor': 'top'}}
 
 
-def replace_value(mission: Mission, place: Place, change: Callable[[Any], Any]) -> Mission:
+def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], Any]) -> Mission:
     """Return the mission with a changed value at a place; a member of a list may become None."""
     mission, (*path, last) = copy.deepcopy(mission), place
     owner: Any = reduce(operator.getitem, path, mission)
