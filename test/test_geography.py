@@ -8,15 +8,18 @@ from types import SimpleNamespace
 
 import city
 from city import FILE as CITY
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
-from ros_client import node_process
+from ros_client import node_here, wait_for, wait_for_line
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
 from secure_uav_planner.errors import MissionFileError, OptionError
 from secure_uav_planner.mission.polygons import depth
+from secure_uav_planner.ros.messages import nanoseconds
 from secure_uav_planner.ros.settings import load_mission, origin_from
+from sensor_msgs.msg import TimeReference
 import yaml
 
 ZURICH = (47.3977, 8.5456)
@@ -100,18 +103,24 @@ def in_degrees(value, origin, name=''):
     return [in_degrees(item, origin) for item in value]
 
 
-@pytest.mark.parametrize('projection', MODELS)
-def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
+def write_twins(folder, projection='px4'):
+    """Write a city with tracks in metres and in degrees; return both files and the origin."""
     origin = Origin(*ZURICH, projection)
-    data = yaml.safe_load(CITY.read_text())
-    data['eavesdroppers'][0] = {'name': 'car', 'track': [[0, 190, 130, 30], [171, 90, 130, 40]]}
-    data['ground_node'] = {'track': [[0, 0, 0], [171, 20, 0]]}
-    file, degrees = tmp_path / 'metres.yaml', tmp_path / 'degrees.yaml'
-    file.write_text(yaml.safe_dump(data))
+    data = yaml.safe_load(CITY.read_text()) | {'slots': 40}
+    data['eavesdroppers'][0] = {'name': 'car', 'track': [[0, 190, 130, 30], [190, 90, 130, 40]]}
+    data['ground_node'] = {'track': [[0, 0, 0], [190, 20, 0]]}
     text = yaml.safe_dump(in_degrees(data, origin) | {'origin': {
         'latitude': ZURICH[0], 'longitude': ZURICH[1], 'projection': projection}})
     assert text.count('latitude') == 1 + 2 + 2 + 1 + 6 + 18 + 7  # All places.
-    degrees.write_text(text)
+    files = folder / 'metres.yaml', folder / 'degrees.yaml'
+    for file, content in zip(files, (yaml.safe_dump(data), text)):
+        file.write_text(content)
+    return *files, origin
+
+
+@pytest.mark.parametrize('projection', MODELS)
+def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
+    file, degrees, origin = write_twins(tmp_path, projection)
     # As the nodes take it; only the origin tells the two apart.
     values, twin = load_mission(degrees), load_mission(file)
     assert origin == origin_from(values)
@@ -129,21 +138,36 @@ def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
         assert left == (right if not isinstance(right, float) else pytest.approx(right, abs=1e-6))
 
 
-def test_the_planner_takes_a_mission_in_degrees_and_keeps_its_origin(client, tmp_path):
-    paper = replace(Scenario.paper(120.0, slots=20), ground_node=None,
-                    ground_node_track=((0, 0, 0), (126, 20, 0)))
-    paper = replace(paper, eavesdroppers=(Eavesdropper(
-        track=((0, 200, 0, 10), (126, 200, 20, 10))),))
-    origin, file = Origin(*ZURICH), tmp_path / 'mission.json'
-    file.write_text(json.dumps(in_degrees(
-        json.loads(json.dumps(paper.to_dict())), origin) | {'origin': asdict(origin)}))
-    with node_process('planner', mission_file=str(file), plan_file=str(tmp_path / 'plan.json')):
-        assert client.call('planner/plan').success
-    scenario = Plan.load(tmp_path / 'plan.json').scenario
-    assert scenario.origin == origin
-    for own, twin in ((scenario.starts, paper.starts), (scenario.goals, paper.goals),
-                      (scenario.receivers.centres, paper.receivers.centres)):
-        assert own == pytest.approx(twin, abs=1e-6)
+def test_a_city_in_degrees_is_planned_and_flown_as_its_twin_in_metres(client, tmp_path):
+    *files, origin = write_twins(tmp_path)
+    names = [uav.name for uav in Scenario.load(CITY).uavs]
+    setpoints = {name: client.listen(PoseStamped, f'{name}/setpoint/pose', 10000)
+                 for name in names}
+    times, plans = client.listen(TimeReference, 'plan_time', 10000), []
+    for file in files:
+        saved = file.with_suffix('.json')
+        with node_here('planner', mission_file=str(file), plan_file=str(saved),
+                       pose_timeout=0.0), \
+                node_here('replay', uavs=f'[{", ".join(names)}]', speed=20.0) as replay:
+            client.send_estimate('station/pose', -170, -120)
+            assert client.call('planner/plan').success
+            plans.append(Plan.load(wait_for(lambda: saved.exists() and saved)))
+            if file == files[-1]:  # The one in degrees is flown.
+                wait_for(lambda: client.call('replay/start').success)
+                wait_for_line(replay, 'end of the plan')
+    twin, plan = plans
+    assert plan.scenario == replace(twin.scenario, origin=origin)
+    assert plan.positions == pytest.approx(twin.positions, abs=1e-6)
+    assert plan.powers == pytest.approx(twin.powers, abs=1e-6)
+    moments = {nanoseconds(one.header.stamp): (nanoseconds(one.time_ref) - plan.start_ns) * 1e-9
+               for one in times}
+    for index, name in enumerate(names):
+        flown = [(moments[stamp], (pose.position.x, pose.position.y)) for stamp, pose in (
+            (nanoseconds(one.header.stamp), one.pose) for one in setpoints[name])
+            if twin.curve.begin < moments.get(stamp, -math.inf) < twin.curve.end]
+        at, places = map(np.array, zip(*flown))
+        assert len(at) > 20 and np.ptp(at) > 80
+        assert places == pytest.approx(twin.curve.at(at).positions[index], abs=1e-6)
 
 
 def test_an_origin_stays_with_missions_and_plans_and_without_it_files_are_as_before(tmp_path):

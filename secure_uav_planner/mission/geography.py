@@ -24,6 +24,12 @@ _RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
 _POINT_FIELDS = {'ground_node', 'position', 'start', 'goal', 'vertices', 'geofence', 'track'}
 """Fields of a mission whose values are places, or have places in them."""
 
+_DECIMALS = 6
+"""
+Of places in m. Those beyond are noise of degrees in doubles, about 1e-9 m, by which a method may
+find another plan, metres away.
+"""
+
 _MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
 
 
@@ -111,13 +117,13 @@ def convert_points(value: Any, origin: Origin, is_point: bool = False,
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
 
-    A place in a knot of a track counts as two numbers. What is no place within 100 km of the
-    origin stays as it is; the checks of its field refuse it.
+    They are rounded to 1e-6 m. A place in a knot of a track counts as two numbers. What is no
+    place within 100 km of the origin stays as it is; the checks of its field refuse it.
     """
     if isinstance(value, Mapping):
         if is_point and set(value) == {'latitude', 'longitude'}:
             with suppress(OptionError):
-                return [float(part) for part in origin.to_local(
+                return [round(float(part), _DECIMALS) for part in origin.to_local(
                     to_number(value['latitude']), to_number(value['longitude']))]
         if levels:
             return {name: convert_points(item, origin, name in _POINT_FIELDS, levels - 1)
