@@ -1,7 +1,7 @@
 """Places on Earth: the projections of autopilots, missions in degrees, and airspace files."""
 
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 import json
 import math
 from types import SimpleNamespace
