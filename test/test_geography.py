@@ -233,9 +233,9 @@ def kml(inside='', name='Rail yard', head='', height=0, outside=''):
 </outerBoundaryIs></Polygon></Placemark></Folder></Document></kml>"""
 
 
-def read(folder, name, text, projection='px4'):
+def read(folder, name, text, projection='px4', altitude=None):
     (folder / name).write_text(text)
-    return read_zones(folder / name, Origin(*ZURICH, projection))
+    return read_zones(folder / name, Origin(*ZURICH, projection, altitude))
 
 
 @pytest.mark.parametrize('projection', MODELS)
@@ -258,6 +258,28 @@ def test_zones_of_all_formats_are_where_the_autopilot_takes_them_to_be(tmp_path,
         assert np.array(vertices) == pytest.approx(np.array(corners), abs=1e-6)
     assert zones[2].vertices[0] == pytest.approx(
         MODELS[projection](ZURICH, (47.398, 8.557)), abs=1e-6)
+
+
+def test_altitudes_above_sea_level_are_those_above_the_stated_ground(tmp_path):
+    absolute = '<extrude>1</extrude><altitudeMode>absolute</altitudeMode>'
+    relative = absolute.replace('absolute', 'relativeToGround')
+    for inside, height, ceiling in (
+            (absolute, 468, 60.0), (relative, 60, 60.0), ('', 468, math.inf)):
+        (zone,), _ = read(tmp_path, 'a.kml', kml(inside, height=height), altitude=408.0)
+        assert (zone.floor, zone.ceiling) == (0.0, ceiling)
+    for inside, altitude, reason in (
+            (absolute, None, "'absolute'"), (absolute, 470, 'ceiling is -2'),
+            (absolute.replace('1', '0'), 408, "'absolute'.* extruded")):
+        with pytest.raises(MissionFileError, match=f'Rail yard.*{reason}'):
+            read(tmp_path, 'a.kml', kml(inside, height=468), altitude=altitude)
+    # In a mission file, whose nodes take the zones alone.
+    data = yaml.safe_load(CITY.read_text()) | {'airspace': 'b.kml', 'origin': dict(
+        zip(('latitude', 'longitude', 'altitude'), (*ZURICH, 408)))}
+    (tmp_path / 'b.kml').write_text(kml(absolute, height=468))
+    (tmp_path / 'a.yaml').write_text(yaml.safe_dump(data))
+    scenario, values = Scenario.load(tmp_path / 'a.yaml'), load_mission(tmp_path / 'a.yaml')
+    assert scenario.origin.altitude == 408 and scenario.no_fly_zones[-1].ceiling == 60
+    assert values['Rail_yard.ceiling'] == 60 and 'origin.altitude' not in values
 
 
 @pytest.mark.parametrize('projection', MODELS)

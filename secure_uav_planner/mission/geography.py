@@ -42,12 +42,15 @@ class Origin(Checked):
     :param longitude: in degrees, from -180 to 180.
     :param projection: 'px4', azimuthal equidistant on a sphere of 6,371,000 m; or 'ardupilot',
         equirectangular by the mean latitude on a sphere of 6,378,100 m.
+    :param altitude: of the ground, the height 0 of the mission, in m above sea level; None where
+        it is not stated.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
     latitude: float = field(metadata=number(-85.0, 85.0, 'degrees'))
     longitude: float = field(metadata=number(-180.0, 180.0, 'degrees'))
     projection: str = field(default='px4', metadata=checked_by(Choice(tuple(_RADIUS))))
+    altitude: float | None = field(default=None, metadata=number(-500.0, 9000.0, 'm'))
 
     _OWNER = 'origin.'
 

@@ -257,6 +257,8 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
     del data['ground_nodes']
     if mission.origin is None:
         del data['origin']
+    else:
+        del data['origin']['altitude']  # Which only files of zones need, which have been read.
     tracks = {'ground_node': data.pop('ground_node_track'),
               **{name: eve.pop('track') for name, eve in zip(
                   mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}

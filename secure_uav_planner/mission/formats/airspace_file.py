@@ -236,12 +236,15 @@ def _read_kml(placemark: ElementTree.Element, origin: Origin) -> Iterator[_Area]
         except ValueError as error:
             raise ScenarioError(f'coordinates: {error}') from None
         mode = (polygon.findtext('altitudeMode') or 'clampToGround').strip()
-        ceiling = None
-        if mode == 'relativeToGround' and (polygon.findtext('extrude') or '').strip() == '1':
-            ceiling = max((corner[2] for corner in corners if len(corner) > 2), default=0.0)
+        grounds = {'relativeToGround': 0.0, 'absolute': origin.altitude}
+        ground, ceiling = grounds.get(mode), None
+        if ground is not None and (polygon.findtext('extrude') or '').strip() == '1':
+            ceiling = max((corner[2] for corner in corners if len(corner) > 2),
+                          default=0.0) - ground
         elif mode != 'clampToGround':
             raise ScenarioError(f'its altitudeMode is {quote(mode)}; it must be clampToGround, or '
-                                'relativeToGround and extruded: heights are above the ground')
+                                'extruded and relativeToGround, or absolute with the altitude of '
+                                'the origin, that of the ground')
         yield _checked_corners([place[:2] for place in corners], 1, has_hole), 0.0, ceiling, False
 
 
