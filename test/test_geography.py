@@ -433,6 +433,7 @@ def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
         assert np.linalg.norm(metres(item) - eve.position, axis=1) == pytest.approx(
             item['properties']['error_radius'], abs=1e-6)
     assert metres(listed('ground_node')[0]) == pytest.approx(np.zeros((1, 2)), abs=1e-6)
+    assert not listed('track')
     # Zones come back as they were.
     (tmp_path / 'zones.geojson').write_text(geojson(*listed('zone')))
     zones, _ = read_zones(tmp_path / 'zones.geojson', scenario.origin)
@@ -440,3 +441,23 @@ def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
         assert replace(zone, vertices=expected.vertices) == expected
         assert np.abs(depth(zone.vertices, expected.vertices)).max() < 1e-6
     assert np.abs(depth(scenario.geofence, metres(*listed('geofence')))).max() < 1e-6
+
+
+def test_receivers_that_move_are_lines_of_their_knots_on_a_map(tmp_path):
+    node, car = ((0, 1, 2), (126, 20, 0)), ((0, 200, 0, 10), (60, 210, 5, 20), (126, 200, 20, 5))
+    scenario = replace(
+        Scenario.paper(120.0, slots=20), ground_node=None, ground_node_track=node,
+        eavesdroppers=(Eavesdropper((9.0, 9.0)), Eavesdropper(name='car', track=car)),
+        origin=Origin(*ZURICH))
+    fly_hover_fly(scenario).to_geojson(tmp_path / 'plan.geojson')
+    features = json.loads((tmp_path / 'plan.geojson').read_text())['features']
+    tracks = [item for item in features if item['properties']['kind'] == 'track']
+    assert [item['properties']['name'] for item in tracks] == ['ground_node', 'car']
+    for item, track in zip(tracks, (node, car), strict=True):
+        assert item['geometry']['type'] == 'LineString'
+        times, x, y, *radii = map(list, zip(*track))
+        assert item['properties']['times'] == times
+        assert item['properties']['radii'] == (radii[0] if radii else None)
+        longitudes, latitudes = zip(*item['geometry']['coordinates'])
+        assert np.array(scenario.origin.to_local(latitudes, longitudes)) == pytest.approx(
+            np.array([x, y]), abs=1e-6)

@@ -158,6 +158,13 @@ def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
                         error_radius=eve.error_radius)
         else:
             add('eavesdropper', 'Point', eve.position, name, error_radius=0.0)
+    for name, receiver in zip(
+            (*scenario.ground_node_names, *scenario.eavesdropper_names),
+            (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True):
+        if receiver.track is not None:
+            times, x, y, *radii = zip(*receiver.track)
+            add('track', 'LineString', np.transpose([x, y]), name, times=times,
+                radii=radii[0] if radii else None)
     for name, zone in zip(scenario.zone_names, scenario.no_fly_zones, strict=True):
         add_polygon('zone', shapely.Polygon(zone.vertices), name=name, floor=zone.floor,
                     ceiling=zone.ceiling if zone.ceiling < math.inf else None)

@@ -466,7 +466,7 @@ class Plan:
 
     def to_geojson(self, path: str | os.PathLike[str]) -> None:
         """
-        Write a map: paths with times and powers, receivers at point 0, zones and fence.
+        Write a map: paths with times and powers, receivers at point 0, tracks, zones and fence.
 
         :param path: of a GeoJSON file, for geojson.io, QGIS and Foxglove.
         :raises OptionError: for a plan whose scenario has no origin.
