@@ -263,7 +263,7 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
 
 
 def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
-    """Return what is shown of a mission, new or not: its shapes and plan, or its progress."""
+    """Return the view of a mission, new or not: its shapes and plan, or its progress."""
     on_map = Patch()
     if is_new:
         on_map['layout']['shapes'] = [item.shape for item in list_handles(editor.mission)]

@@ -181,7 +181,7 @@ def _unit(field: str) -> str:
 
 
 def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
-    """Return the first field of the grid with numbers, and three others with few values."""
+    """Return the first field of the grid with numbers, and three later with few values."""
     samples = len({row['sample'] for row in rows})
     counts = {}
     for name in rows[0]['fields'] if rows else ():
@@ -191,6 +191,6 @@ def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
             counts[name] = len({*values})
     first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
                   and all(isinstance(row['fields'][name], (int, float)) for row in rows)), None)
-    others = [name for name, count in counts.items() if name != first and first is not None
-              and count <= min(_MOST_LINES, len(rows) // 2)]
-    return [first, *others[:3], *[None] * (3 - len(others))]
+    later = [name for name, count in counts.items() if name != first and first is not None
+             and count <= min(_MOST_LINES, len(rows) // 2)]
+    return [first, *later[:3], *[None] * (3 - len(later))]

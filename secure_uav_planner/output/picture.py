@@ -265,7 +265,7 @@ def _disc_boxes(scenario, point):
 
 
 def _text_size(text, point):
-    """Return about the width and the height of a text on the map; see _disc_boxes."""
+    """Return an estimate of width and height of a text on the map; see _disc_boxes."""
     return np.array([0.62 * len(text), 1.0]) * _FONT_SIZE * point
 
 

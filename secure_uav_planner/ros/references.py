@@ -77,7 +77,7 @@ class LocalFrames:
         return (x, y, z)
 
     def _frame(self, name: str) -> Origin | None:
-        """Return where the frame of a UAV begins on Earth; None if that is not asked for."""
+        """Return the place on Earth where the frame of a UAV begins; None if not asked for."""
         if name in self._unknown:
             raise PoseError(self._explain(name))
         return self._frames.get(name)
@@ -114,7 +114,7 @@ class LocalFrames:
         self._on_change(name, lambda place: _convert(place, before, frame))
 
     def _locate(self, reference: Reference) -> Origin:
-        """Return where a frame begins, or raise an error for a place far from the mission."""
+        """Return the begin of a frame, or raise an error for a place far from the mission."""
         assert self._origin is not None
         self._origin.to_local(reference.latitude, reference.longitude)
         return Origin(reference.latitude, reference.longitude, self._origin.projection)
