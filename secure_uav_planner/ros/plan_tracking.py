@@ -51,6 +51,11 @@ class _Reports:
             self._pairs.popleft()
 
     @property
+    def has_rate(self) -> bool:
+        """Whether there are two reports, between which the plan has a rate."""
+        return len(self._pairs) > 1
+
+    @property
     def last_ns(self) -> int:
         """Time of the last report in ns."""
         return self._pairs[-1][0]
@@ -86,7 +91,7 @@ class _Reports:
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
         (last, plan), rate = self._pairs[-1], self._first_rate
-        if len(self._pairs) > 1:
+        if self.has_rate:
             before = self._pairs[-2]
             rate = max(0.0, (plan - before[1]) / (last - before[0]))
         since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
@@ -273,9 +278,9 @@ class PlanTracking:
                             'ask again when it is flown at a constant rate, or is paused')
 
     @property
-    def has_reports(self) -> bool:
-        """Whether a follower has reported about a plan of this planner."""
-        return self._reports is not None
+    def has_rate(self) -> bool:
+        """Whether two reports of a follower tell at which rate it flies a plan of this planner."""
+        return self._reports is not None and self._reports.has_rate
 
     def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan in flight that is not of this planner, or None."""

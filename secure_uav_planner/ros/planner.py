@@ -140,7 +140,7 @@ class Planner(Node):
         self._answer = answer = Future()
         try:
             while time.monotonic() < self._discovery_deadline and not (
-                    self._tracking.has_reports or answer.done()):
+                    self._tracking.has_rate or answer.done()):
                 await self._checked
             self._run_queued()
             if not answer.done():
