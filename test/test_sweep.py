@@ -267,7 +267,7 @@ def test_in_a_file_each_period_has_a_line_with_done_failed_rate_and_time_left(
     monkeypatch.setattr('secure_uav_planner.apps.campaigns._PERIODS', {False: 0.01})
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
     lines = [re.fullmatch(
-        r'sweep: (\d+) of 32 missions done, (\d+) failed, ([\d.e-]+)/s(?:, ([\d:]+) left)?', line)
+        r'sweep: (\d+) of 32 missions done, (\d+) failed, ([\d.e+-]+)/s(?:, ([\d:]+) left)?', line)
              for line in capsys.readouterr().err.splitlines()]
     assert len(lines) > 2 and all(lines)
     counts = [int(line[1]) for line in lines]
