@@ -213,7 +213,7 @@ def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
     plan, baseline = fly_hover_fly(moving, 'optimised'), fly_hover_fly(moving)
     traces = draw_page(plan, [baseline]).data
     shown = {trace.name for trace in traces if trace.showlegend is not False}
-    assert {'way of car', 'way of van', 'UAV, larger with more power',
+    assert {'track of car', 'track of van', 'UAV, larger with more power',
             'fly-hover-fly, constant power'} <= shown
     texts = [text.strip() for trace in traces if 'text' in trace.mode for text in trace.text]
     assert {'car', 'van'} <= {*texts} and texts.count('60 s') == texts.count('130 s') == 2

@@ -17,7 +17,7 @@ from secure_uav_planner.errors import LateError, PoseError, SupersededError, Wro
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.poses import Arrival, PoseBook
 from secure_uav_planner.ros.scenarios import make_request, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
 from sensor_msgs.msg import TimeReference
@@ -39,7 +39,7 @@ def kept_pose(*sent, now=50.0):
     book = PoseBook()
     for message in sent:
         message, arrival = message if isinstance(message, tuple) else (message, now)
-        book.take('uav1/odom', message, DEFAULTS, arrival)
+        book.take(Arrival('uav1/odom', message, arrival), DEFAULTS, arrival)
     return book.get('uav1/odom')
 
 
@@ -76,7 +76,7 @@ def test_places_in_two_frames_give_no_velocity():
     book = PoseBook()
     for stamp, frame_id, velocity in (
             (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
-        book.take('uav1/pose', pose(stamp, 4.0 * stamp, frame_id),
+        book.take(Arrival('uav1/pose', pose(stamp, 4.0 * stamp, frame_id), stamp),
                   {**DEFAULTS, 'frame_id': frame_id}, stamp)
         assert book.get('uav1/pose').velocity == velocity
 
@@ -88,12 +88,13 @@ def test_places_in_two_frames_give_no_velocity():
     ({'orientation': {'z': 5.0, 'w': 5.0}}, 'orientation has length 7.07107; it must be')])
 def test_odometry_that_is_not_finite_is_refused_and_the_last_pose_kept(change, text):
     book = PoseBook()
-    book.take('uav1/odom', odometry(1.0, 2.0), DEFAULTS, 5.0)
+    book.take(Arrival('uav1/odom', odometry(1.0, 2.0), 5.0), DEFAULTS, 5.0)
     with pytest.raises(PoseError, match=text):
-        book.take('uav1/odom', odometry(**{'x': 7.0, 'y': 7.0, **change}), DEFAULTS, 6.0)
+        wrong = odometry(**{'x': 7.0, 'y': 7.0, **change})
+        book.take(Arrival('uav1/odom', wrong, 6.0), DEFAULTS, 6.0)
     assert book.get('uav1/odom').position == (1.0, 2.0)
     with pytest.raises(WrongFrameError, match="is in frame 'odom'; it must be in frame 'map'"):
-        book.take('uav1/odom', odometry(7.0, 7.0, frame_id='odom'), DEFAULTS, 6.0)
+        book.take(Arrival('uav1/odom', odometry(7.0, 7.0, frame_id='odom'), 6.0), DEFAULTS, 6.0)
     assert book.get('uav1/odom').position == (1.0, 2.0)
 
 
@@ -264,7 +265,7 @@ def requested_uav(message, now, plan=None, **changes):
     for topic, sent in (
             ('ground_node/pose', pose(now, 0.0)), ('uav1/odom', message),
             ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0))):
-        book.take(topic, sent, DEFAULTS, now)
+        book.take(Arrival(topic, sent, now), DEFAULTS, now)
     tracking = PlanTracking(book)
     if plan is not None:
         tracking.add_plan(plan, now)
@@ -428,7 +429,7 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     tracking.add_plan(plan, 1000.0)
     report(tracking, plan, (1009.0, 18.0), (1010.0, 20.0))  # At double speed.
     place = Playback(plan).at(19.0).positions[0].tolist()
-    book.take('uav1/odom', odometry(*place, stamp=1009.5), DEFAULTS, 1009.5)
+    book.take(Arrival('uav1/odom', odometry(*place, stamp=1009.5), 1009.5), DEFAULTS, 1009.5)
     settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 0.0}
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
         assert tracking.flight(now).time == 22.0

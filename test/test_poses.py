@@ -20,7 +20,7 @@ from ros_client import (
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.ros.frames import Frames, transform_message
-from secure_uav_planner.ros.poses import error_radius, PoseBook
+from secure_uav_planner.ros.poses import Arrival, error_radius, PoseBook
 from secure_uav_planner.ros.topics import LATCHED
 
 
@@ -131,7 +131,7 @@ def kept_x(*poses):
     book = PoseBook()
     for stamp, now, x in poses:
         message = pose_message(PoseStamped, x, 0, stamp=Time(sec=stamp))
-        book.take('uav1/pose', message, DEFAULTS, now)
+        book.take(Arrival('uav1/pose', message, now), DEFAULTS, now)
     return book.get('uav1/pose').position[0]
 
 
@@ -166,12 +166,12 @@ def estimate(x, stamp=100.0, covariance=None):
 
 def test_odometry_counts_until_a_pose_is_a_second_fresher():
     settings, book = {**DEFAULTS, 'pose_timeout': 0.0}, PoseBook()
-    book.take('uav1/odom', odometry(1.0, 100.0), settings, 100.0)
+    book.take(Arrival('uav1/odom', odometry(1.0, 100.0), 100.0), settings, 100.0)
     for stamp, x in ((100.1, 1.0), (100.9, 1.0), (101.1, 2.0), (107.4, 2.0)):
-        book.take('uav1/pose', pose_message(PoseStamped, 2.0, 0, stamp=stamp_at(stamp)), settings,
-                  stamp)
+        pose = pose_message(PoseStamped, 2.0, 0, stamp=stamp_at(stamp))
+        book.take(Arrival('uav1/pose', pose, stamp), settings, stamp)
         assert book.usable_pose('uav1', settings, stamp).position[0] == x, stamp
-    book.take('uav1/odom', odometry(3.0, 107.0), settings, 107.5)
+    book.take(Arrival('uav1/odom', odometry(3.0, 107.0), 107.5), settings, 107.5)
     assert book.usable_pose('uav1', {**settings, 'pose_timeout': 5.0}, 112.2).position[0] == 2.0
     assert book.usable_pose('uav1', settings, 1e6).position[0] == 3.0
 
@@ -179,18 +179,19 @@ def test_odometry_counts_until_a_pose_is_a_second_fresher():
 @pytest.mark.parametrize('timeout', [0.0, 5.0])
 def test_what_came_before_the_clock_was_set_back_is_forgotten(timeout):
     settings, book = {**DEFAULTS, 'pose_timeout': timeout}, PoseBook()
-    book.take('uav1/odom', odometry(1.0, 600.0), settings, 600.0)
-    book.take('eavesdropper/pose', estimate(200.0, 600.0), settings, 600.0)
+    book.take(Arrival('uav1/odom', odometry(1.0, 600.0), 600.0), settings, 600.0)
+    book.take(Arrival('eavesdropper/pose', estimate(200.0, 600.0), 600.0), settings, 600.0)
+    wrong = Arrival('ground_node/pose', pose_message(PoseStamped, math.nan, 0), 600.0)
     with pytest.raises(PoseError):
-        book.take('ground_node/pose', pose_message(PoseStamped, math.nan, 0), settings, 600.0)
+        book.take(wrong, settings, 600.0)
     assert book.usable_pose('uav1', settings, 599.95) is not None  # Rounding, and no jump.
     assert book.usable_pose('uav1', settings, 100.0) is None
     with pytest.raises(PoseError, match='no pose has come on eavesdropper/pose since the clock'):
         book.check(settings, 100.0)
     # One that waited in the queue.
-    book.take('uav1/odom', odometry(1.0, 600.0), settings, 100.1, arrived=600.1)
+    book.take(Arrival('uav1/odom', odometry(1.0, 600.0), 600.1), settings, 100.1)
     assert book.usable_pose('uav1', settings, 100.2) is None
-    book.take('uav1/odom', odometry(2.0, 100.2), settings, 100.3)
+    book.take(Arrival('uav1/odom', odometry(2.0, 100.2), 100.3), settings, 100.3)
     assert book.usable_pose('uav1', settings, 102.3).age(102.3) == pytest.approx(2.1)
 
 
@@ -212,13 +213,14 @@ TOO_LARGE = [block(1e16, 1e16), block(1e14, 1)]
 def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate_ages(covariance):
     book = PoseBook()
     reason = 'must be finite, symmetric and positive semidefinite|error radius of .*; it must be'
-    book.take('eavesdropper/odom', odometry(1.0, 100.0), DEFAULTS, 100.0)
+    book.take(Arrival('eavesdropper/odom', odometry(1.0, 100.0), 100.0), DEFAULTS, 100.0)
     for message in (odometry(2.0, 101.0, covariance),
                     odometry(2.0, 101.0, twist_covariance=covariance)):
         with pytest.raises(PoseError, match=reason):
-            book.take('eavesdropper/odom', message, DEFAULTS, 101.0)
+            book.take(Arrival('eavesdropper/odom', message, 101.0), DEFAULTS, 101.0)
         with pytest.raises(PoseError, match=reason):
-            book.take('eavesdropper/pose', estimate(2.0, 101.0, covariance), DEFAULTS, 101.0)
+            wrong = estimate(2.0, 101.0, covariance)
+            book.take(Arrival('eavesdropper/pose', wrong, 101.0), DEFAULTS, 101.0)
     assert book.usable_pose('eavesdropper', DEFAULTS, 101.0, True).position[0] == 1.0
     problems = '; '.join(map(str, book.problems(DEFAULTS, 111.0)))
     assert 'eavesdropper/odom is 11.0 s old' in problems and 'newer ones were refused' in problems
@@ -247,18 +249,20 @@ def test_only_the_covariance_of_x_and_y_counts_and_rounding_does_not(seed):
     covariance = block(0, 0, rest=rng.choice([-1.0, 1e300, math.nan, math.inf]))
     covariance.reshape(6, 6)[:2, :2] = used
     book = PoseBook()
-    book.take('eavesdropper/pose', estimate(200.0, covariance=covariance), DEFAULTS, 100.0)
+    measured = estimate(200.0, covariance=covariance)
+    book.take(Arrival('eavesdropper/pose', measured, 100.0), DEFAULTS, 100.0)
     kept = book.get('eavesdropper/pose')
     assert (kept.covariance == used).all()
     assert kept.radius('eavesdropper', DEFAULTS) == pytest.approx(error_radius(used, 0.95))
-    book.take('eavesdropper/pose', estimate(200.0, covariance=block(0, 0, rest=5.0)), DEFAULTS,
-              100.0)
+    unmeasured = estimate(200.0, covariance=block(0, 0, rest=5.0))
+    book.take(Arrival('eavesdropper/pose', unmeasured, 100.0), DEFAULTS, 100.0)
     assert book.get('eavesdropper/pose').radius('eavesdropper', DEFAULTS) == 10.0
 
 
 def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_with():
     settings, book = {**DEFAULTS, 'pose_timeout': 0.0}, PoseBook()
-    book.take('eavesdropper/pose', estimate(200.0, covariance=block(1e13, 1e13)), settings, 100.0)
+    measured = estimate(200.0, covariance=block(1e13, 1e13))
+    book.take(Arrival('eavesdropper/pose', measured, 100.0), settings, 100.0)
     assert book.usable_pose('eavesdropper', settings, 100.0, True) is not None
     settings['confidence'] = 0.9999
     problems = '; '.join(map(str, book.problems(settings, 100.0)))
@@ -268,8 +272,10 @@ def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_wit
 def remarks(*xs, covariance=None, **settings):
     """Return what is said about an eavesdropper that was at x, in m, second after second."""
     book, settings = PoseBook(), {**DEFAULTS, **settings}
-    return [remark for second, x in enumerate(xs) if (remark := book.take(
-        'eavesdropper/pose', estimate(x, second, covariance), settings, float(second)))]
+    arrivals = [Arrival('eavesdropper/pose', estimate(x, second, covariance), float(second))
+                for second, x in enumerate(xs)]
+    return [remark for arrival in arrivals
+            if (remark := book.take(arrival, settings, arrival.time))]
 
 
 def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once_what_to_do():
@@ -282,8 +288,9 @@ def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once
     assert not remarks(*range(0, 45, 3), covariance=block(100.0, 100.0))
     settings, book = DEFAULTS, PoseBook()
     for second in range(40):
-        book.take('eavesdropper/odom', odometry(5.0 * second, second), settings, second)
-        assert not book.take('eavesdropper/pose', estimate(5.0 * second, second), settings, second)
+        for topic, message in (('eavesdropper/odom', odometry(5.0 * second, second)),
+                               ('eavesdropper/pose', estimate(5.0 * second, second))):
+            assert not book.take(Arrival(topic, message, second), settings, second)
 
 
 def test_the_planner_warns_once_of_an_eavesdropper_that_sends_poses_and_moves(client, planner):
@@ -361,7 +368,7 @@ def test_the_velocity_of_a_uav_is_the_same_seen_from_either_frame(child):
     message.child_frame_id = child
     set_fields(message.twist.twist.linear, velocity)
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
-    book.take('uav1/odom', message, DEFAULTS, 1.0)
+    book.take(Arrival('uav1/odom', message, 1.0), DEFAULTS, 1.0)
     expected = {'base_link': (turn * facing).apply(velocity), 'odom': turn.apply(velocity),
                 'map': velocity}[child]
     np.testing.assert_allclose(book.get('uav1/odom').velocity, expected[:2], atol=1e-9)
@@ -371,7 +378,7 @@ def test_a_transformed_pose_counts_in_its_new_frame_only():
     transform, turn, shift = random_transform(np.random.default_rng(1))
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
     message, place, _, _ = random_message(PoseStamped, np.random.default_rng(2))
-    book.take('uav1/pose', message, DEFAULTS, 5.0)
+    book.take(Arrival('uav1/pose', message, 5.0), DEFAULTS, 5.0)
     kept = book.get('uav1/pose')
     np.testing.assert_allclose((*kept.position, kept.height), turn.apply(place) + shift)
     for frame_id, problem in (('map', type(None)), ('odom', WrongFrameError)):
@@ -390,7 +397,7 @@ def test_a_transform_that_is_no_rotation_or_not_finite_is_refused(broken):
     transform.translation.x = math.inf
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
     with pytest.raises(PoseError, match='position.x is inf'):
-        book.take('eavesdropper/pose', message, DEFAULTS, 1.0)
+        book.take(Arrival('eavesdropper/pose', message, 1.0), DEFAULTS, 1.0)
 
 
 def test_a_listener_that_failed_is_made_again_at_the_next_pose(monkeypatch):

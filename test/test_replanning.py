@@ -13,7 +13,7 @@ from secure_uav_planner.errors import (
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.poses import Arrival, PoseBook
 from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
 
@@ -65,7 +65,7 @@ class Bench:
             self.published.append((plan, rejoin.effect))
 
     def add_pose(self, kind, topic, x, y, now):
-        self.poses.take(topic, pose_message(kind, x, y), DEFAULTS, now)
+        self.poses.take(Arrival(topic, pose_message(kind, x, y), now), DEFAULTS, now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
         """Check at a time of the clock in s from START; the offset in m is the first UAV's."""

@@ -132,22 +132,23 @@ def _ring(outer, inner):
                            ring.exterior.coords[:1]])
 
 
-def list_ways(scenario, times):
-    """Return name, way (K, 2) in m and colour of each receiver that moves, at times (K,)."""
+def list_tracks(scenario, times):
+    """Return name, track (K, 2) in m and colour of each receiver that moves, at times (K,)."""
     grounds, centres, _ = scenario.receivers_at(times)
-    ways = [*((name, way, node_color(scenario, index)) for index, (name, way) in enumerate(
-                zip(node_labels(scenario), grounds, strict=True))),
-            *((name, way, eavesdropper_color(index, eve)) for index, (name, way, eve) in enumerate(
-                zip(scenario.eavesdropper_names, centres, scenario.eavesdroppers, strict=True)))]
-    return [(name, way, color) for name, way, color in ways if np.ptp(way, axis=0).any()]
+    names = [*node_labels(scenario), *scenario.eavesdropper_names]
+    colors = [*(node_color(scenario, index) for index in range(len(grounds))),
+              *(eavesdropper_color(*item) for item in enumerate(scenario.eavesdroppers))]
+    receivers = zip(names, np.concatenate([grounds, centres]), colors, strict=True)
+    return [(name, track, color) for name, track, color in receivers
+            if np.ptp(track, axis=0).any()]
 
 
 def shown_discs(scenario):
     """Return each eavesdropper's discs, (time, centre, radius), at three times where it moves."""
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
-    return [list(zip(times, way, reach.tolist()))[:3 if eve.track else 1]
-            for eve, way, reach in zip(scenario.eavesdroppers, centres, radii)]
+    return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
+            for eve, track, reach in zip(scenario.eavesdroppers, centres, radii)]
 
 
 def map_extent(scenario, plans=()):

@@ -18,7 +18,7 @@ import shapely
 
 from .drawing import (
     add_legend, altitude_label, EAVESDROPPER, eavesdropper_color, energy_label, GEOFENCE,
-    is_obstacle, label_position, list_ways, map_extent, MARGIN, margin_rings, NO_FLY_ZONE,
+    is_obstacle, label_position, list_tracks, map_extent, MARGIN, margin_rings, NO_FLY_ZONE,
     node_color, node_labels, RATE, rate_label, receiver_label, scheme_name, shown_discs,
     style_axes, uav_color)
 from .figures import own_settings, Picture
@@ -270,11 +270,11 @@ def _text_size(text, point):
 
 
 def _draw_tracks(axes, scenario):
-    """Draw the ways of receivers that move, with an arrow at the end."""
-    for _, way, color in list_ways(scenario, scenario.times):
-        axes.plot(*way.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
-        moved = np.flatnonzero((way != way[-1]).any(axis=1))[-1]
-        axes.annotate('', way[-1], way[moved], zorder=6,
+    """Draw the tracks of receivers that move, with an arrow at the end."""
+    for _, track, color in list_tracks(scenario, scenario.times):
+        axes.plot(*track.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
+        moved = np.flatnonzero((track != track[-1]).any(axis=1))[-1]
+        axes.annotate('', track[-1], track[moved], zorder=6,
                       arrowprops={'arrowstyle': '-|>', 'color': color})
 
 

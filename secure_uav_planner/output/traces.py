@@ -5,14 +5,14 @@ import plotly.graph_objects as go
 
 from .drawing import (
     altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, is_obstacle, label_position,
-    list_ways, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, RATE, receiver_label,
+    list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, RATE, receiver_label,
     scheme_name, uav_color)
 from ..model import channel
 
 _LEAST_POWER = 2e-5  # Of the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
-_WAY_MARKS = 5  # Times at the way of a receiver.
+_TRACK_MARKS = 5  # Times at the track of a receiver.
 _GREY = '#808080'
 _SPACE = '\u2003\u2003'  # Between a disc and its name.
 
@@ -42,7 +42,7 @@ class PlanTraces:
             mode='edge')
 
     def map_traces(self):
-        """Yield what stands still on the map: airspace, ways, receivers, starts and goals."""
+        """Yield what stands still on the map: airspace, tracks, receivers, starts and goals."""
         plan = self.plan
         yield from margin_traces(plan.scenario)
         yield from _airspace_traces(plan.scenario)
@@ -55,14 +55,14 @@ class PlanTraces:
                 marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
 
     def way_traces(self):
-        """Yield the way of each receiver that moves, with times at it."""
+        """Yield the track of each receiver that moves, with times at it."""
         plan = self.plan
-        marks = np.linspace(0, plan.scenario.slots + 1, _WAY_MARKS).round().astype(int)
-        for index, (name, way, color) in enumerate(list_ways(plan.scenario, plan.times)):
-            yield _scatter(way, mode='lines', name=f'way of {name}', hoverinfo='name',
+        marks = np.linspace(0, plan.scenario.slots + 1, _TRACK_MARKS).round().astype(int)
+        for index, (name, track, color) in enumerate(list_tracks(plan.scenario, plan.times)):
+            yield _scatter(track, mode='lines', name=f'track of {name}', hoverinfo='name',
                            line={'color': color, 'width': 1, 'dash': 'dash'})
             yield _scatter(
-                way[marks], mode='markers+text', showlegend=False, hoverinfo='skip',
+                track[marks], mode='markers+text', showlegend=False, hoverinfo='skip',
                 text=[f'{time:.0f} s' for time in plan.times[marks].tolist()],
                 textposition='middle left' if index % 2 else 'middle right',
                 textfont={'size': 10, 'color': color}, marker={'size': 4, 'color': color})
@@ -123,15 +123,15 @@ class PlanTraces:
             label = ' '.join(filter(None, (eve.track and name, receiver_label(eve))))
             if label:
                 side, text = ('right', _SPACE + label) if index % 2 else ('left', label + _SPACE)
-                yield _scatter(  # On the other side than the times of its way.
+                yield _scatter(  # On the other side than the times of its track.
                     centres[index, point][None], text=[text], mode='text',
                     textposition=f'middle {side}',
                     textfont={'color': color}, legendgroup='disc', showlegend=False,
                     hoverinfo='skip')
         scenario = self.plan.scenario
-        for index, (name, way) in enumerate(zip(node_labels(scenario), grounds, strict=True)):
+        for index, (name, track) in enumerate(zip(node_labels(scenario), grounds, strict=True)):
             yield _scatter(
-                way[point][None], mode='markers', name=name, marker={
+                track[point][None], mode='markers', name=name, marker={
                     'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):

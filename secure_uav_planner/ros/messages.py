@@ -34,7 +34,7 @@ from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
 from ..output.autopilots import ReferenceSource, rotation, Setpoint, Stack, Vector
 from ..output.drawing import (
-    EAVESDROPPER, GEOFENCE, label_position, list_ways, MARGIN, NO_FLY_ZONE, node_color,
+    EAVESDROPPER, GEOFENCE, label_position, list_tracks, MARGIN, NO_FLY_ZONE, node_color,
     node_labels, uav_color)
 from ..plan.plan import Plan
 from ..plan.playback import Moment
@@ -274,8 +274,8 @@ def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
                           (across, across, 1.0), (*centre, 0.5), opacity=0.5),
                   _label(200 + index, name, (*centre, 2 * size), EAVESDROPPER)]
     marks += [_marker('track', index, Marker.LINE_STRIP, color, (1.0, 0.0, 0.0),
-                      points=[(x, y, 0.5) for x, y in way.tolist()])
-              for index, (_, way, color) in enumerate(list_ways(scenario, plan.times[points]))]
+                      points=[(x, y, 0.5) for x, y in track.tolist()])
+              for index, (_, track, color) in enumerate(list_tracks(scenario, plan.times[points]))]
     return MarkerArray(markers=[_stamped(marker, frame_id, stamp_at(plan))
                                 for marker in (*marks, *_airspace(scenario))])
 

@@ -26,7 +26,7 @@ from .frames import Frames, Message
 from .inputs import PoseInputs
 from .parameters import PLANNER, planner_member_parameters
 from .plan_tracking import check_continuation, PlanTracking
-from .poses import PoseBook
+from .poses import Arrival, PoseBook
 from .process import run_node
 from .references import LocalFrames
 from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
@@ -116,7 +116,7 @@ class Planner(Node):
             self._wake.trigger()
 
     def _on_pose(self, topic: str, message: Message) -> None:
-        self._inputs.put(topic, message, self._now())
+        self._inputs.put(Arrival(topic, message, self._now()))
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
         self._poses.follow_clock(self._now())

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -36,6 +36,19 @@ _LEAST_JUMP = 0.1  # s by which a clock that was set back is earlier than before
 # Successive poses outside the disc by which an eavesdropper has left it. Of standing ones that
 # were measured with noise at 5 Hz for 300 s, 41% were outside once, 0.5% three times in a row.
 _OUTSIDE = 3
+
+
+class Arrival(NamedTuple):
+    """A message with a pose that has arrived on a topic, at a time in s."""
+
+    topic: str
+    message: Message
+    time: float
+
+    @property
+    def name(self) -> str:
+        """Name of the member of the mission whose pose it is."""
+        return self.topic.partition('/')[0]
 
 
 @dataclass(frozen=True)
@@ -104,37 +117,34 @@ class PoseBook:
         self._movers: set[str] = set()  # Eavesdroppers that have been said to move.
         self._latest, self._was_set_back = -math.inf, False  # The clock.
 
-    def take(self, topic: str, message: Message, settings: Mapping[str, Any], now: float,
-             arrived: float | None = None) -> str:
+    def take(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> str:
         """
-        Check a pose and keep it, unless a newer one has just come.
+        Parse a pose and keep it, unless a newer one has just come.
 
-        :param arrived: time of arrival in s, by default now.
         :return: a remark for the user, or an empty string.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         self.follow_clock(now)
-        arrived = now if arrived is None else arrived
-        if arrived > now + _LEAST_JUMP:
+        if arrival.time > now + _LEAST_JUMP:
             return ''  # It came before the clock was set back.
         try:
-            if message.header.frame_id != settings['frame_id']:
-                message = self._transform(message, settings['frame_id'])
-            pose = self._read(topic, message, settings, now, arrived)
+            pose = self._parse(arrival, settings, now)
         except PoseError as error:
-            self._refusals[topic] = error
+            self._refusals[arrival.topic] = error
             raise
-        self._refusals.pop(topic, None)
-        self._keep(topic, pose, has_velocity=not isinstance(message, PoseStamped))
-        return self._note_motion(topic, settings, now)
+        self._refusals.pop(arrival.topic, None)
+        self._keep(arrival.topic, pose)
+        return self._note_motion(arrival, settings, now)
 
-    def _read(self, topic: str, message: Message, settings: Mapping[str, Any], now: float,
-              arrived: float) -> KnownPose:
-        pose = read_pose(topic, message, settings, now, arrived)
-        name = topic.partition('/')[0]
-        if name not in settings['uavs']:
+    def _parse(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> KnownPose:
+        """Return the pose of a message in the frame of the planner, or raise a PoseError."""
+        if arrival.message.header.frame_id != settings['frame_id']:
+            arrival = arrival._replace(
+                message=self._transform(arrival.message, settings['frame_id']))
+        pose = read_pose(arrival, settings, now)
+        if arrival.name not in settings['uavs']:
             return pose
-        x, y, height = self._to_mission(name, (*pose.position, pose.height))
+        x, y, height = self._to_mission(arrival.name, (*pose.position, pose.height))
         return replace(pose, position=(x, y), height=height)
 
     def follow_clock(self, now: float) -> None:
@@ -146,14 +156,14 @@ class PoseBook:
             self.on_set_back()
         self._latest = max(now, self._latest)
 
-    def _keep(self, topic: str, pose: KnownPose, has_velocity: bool) -> None:
+    def _keep(self, topic: str, pose: KnownPose) -> None:
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Places in another frame.
             self._discs.pop(topic, None)
         elif last is not None and pose.is_overtaken_by(last):
             return
-        if not has_velocity:
+        if pose.velocity is None and pose.covariance is None:
             pose = replace(
                 pose, velocity=self._estimate_velocity(topic, pose.stamp, pose.position))
         self._poses[topic] = pose
@@ -169,11 +179,12 @@ class PoseBook:
         before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
-    def _note_motion(self, topic: str, settings: Mapping[str, Any], now: float) -> str:
+    def _note_motion(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> str:
         """Return advice, once, about an eavesdropper that counts as standing and moves."""
-        name, pose = topic.partition('/')[0], self._poses[topic]
-        odometry, topic_of_poses = member_topics(name)
-        if (name not in settings['eavesdroppers'] or topic != topic_of_poses
+        topic, name = arrival.topic, arrival.name
+        odometry, pose_topic = member_topics(name)
+        pose = self._poses[topic]
+        if (name not in settings['eavesdroppers'] or topic != pose_topic
                 or name in self._movers or settings[f'{name}.max_speed']
                 or self.usable_pose(name, settings, now, True) is not pose):
             return ''
@@ -269,16 +280,15 @@ class PoseBook:
         return None
 
 
-def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: float,
-              arrived: float) -> KnownPose:
+def read_pose(arrival: Arrival, settings: Mapping[str, Any], now: float) -> KnownPose:
     """
     Return the pose in a message, with the covariances of a receiver.
 
-    :param arrived: time of arrival in s, for a pose without a stamp.
+    A pose without a stamp was measured when it arrived.
+
     :raises PoseError: if it cannot be used.
     """
-    name, header = topic.partition('/')[0], message.header
-    is_uav = name in settings['uavs']
+    message, header = arrival.message, arrival.message.header
     pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
     _check_range(pose.position, 'position', COORDINATE)
     for axis in 'xyzw':
@@ -288,7 +298,7 @@ def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: fl
     covariance = velocity = velocity_covariance = None
     if isinstance(message, Odometry):
         velocity = _velocity(message)
-        if not is_uav:
+        if arrival.name not in settings['uavs']:
             velocity_covariance = _velocity_covariance(message)
             if math.hypot(*velocity) > MAX_SPEED:
                 raise PoseError(f'twist.linear is {math.hypot(*velocity):g} m/s; it must be at '
@@ -296,7 +306,7 @@ def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: fl
     if isinstance(message, PoseWithCovarianceStamped) or velocity_covariance is not None:
         covariance = _horizontal_covariance(message.pose.covariance, 'x and y')
     # Without rclpy's Time, which raises an error for times before 1970.
-    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or arrived
+    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or arrival.time
     place = pose.position
     read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,
                      velocity, velocity_covariance)
