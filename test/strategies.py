@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Channel, Eavesdropper, Scenario, Uav
-from secure_uav_planner.model.least_utilisation import minimise_utilisation
+from secure_uav_planner.model.cone_program import minimise_utilisation
 
 COORDINATE = st.floats(-500, 500)
 PLACE = st.tuples(COORDINATE, COORDINATE)

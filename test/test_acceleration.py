@@ -11,9 +11,9 @@ from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, TimeLimitError
 from secure_uav_planner.mission.kinematics import Vehicle
-from secure_uav_planner.model.least_utilisation import minimise_utilisation
+from secure_uav_planner.model.cone_program import minimise_utilisation
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.initial.feasibility import check_durations
+from secure_uav_planner.optimize.initial.trajectories import check_durations
 from strategies import scenarios, with_uavs
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.

@@ -14,7 +14,7 @@ from scipy import stats
 from secure_uav_planner import (
     assess, Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, World)
 from secure_uav_planner.apps.cli import main
-from secure_uav_planner.assessment import draws as drawn
+from secure_uav_planner.assessment import world as worlds
 from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.problem import Problem
@@ -131,11 +131,11 @@ def test_rates_are_those_of_plain_loops_in_every_world_drawn(of, world, colludin
     def first(states):
         return list(itertools.islice(states, slots))
 
-    places = next(drawn.places(one, world, draws, seed))
-    sights = of.los and world.los_distance is not None and first(drawn.sights(
+    places = next(worlds.draw_places(one, world, draws, seed))
+    sights = of.los and world.los_distance is not None and first(worlds.draw_sights(
         one, plan.positions[:, 1:-1], world.los_distance, draws, seed))
-    fades = of.outage and first(drawn.fading(of.rician_k_db, links, draws, seed))
-    errors = world.tracking_std and first(drawn.tracking_errors(one, world, draws, seed))
+    fades = of.outage and first(worlds.draw_fading(of.rician_k_db, links, draws, seed))
+    errors = world.tracking_std and first(worlds.draw_tracking_errors(one, world, draws, seed))
     wanted = np.array([rates_of(
         Plan(one, plan.positions, plan.powers), places[:, draw], *(
             [state[:, :, draw] for state in states] if states else None
@@ -188,7 +188,7 @@ def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_tru
 
 def test_places_in_the_disc_are_uniform():
     scenario = team(40.0)
-    places = next(drawn.places(scenario, World(), MANY, 3))
+    places = next(worlds.draw_places(scenario, World(), MANY, 3))
     for found, eve in zip(places, scenario.eavesdroppers):
         x, y = (found - eve.position).T / eve.error_radius
         assert agrees(x**2 + y**2, stats.uniform.cdf)
@@ -198,34 +198,34 @@ def test_places_in_the_disc_are_uniform():
 
 def test_places_beyond_the_disc_are_uniform_in_the_ring():
     scenario = team(40.0)
-    found = next(drawn.places(scenario, World('beyond', beyond=25.0), MANY, 3))[0]
+    found = next(worlds.draw_places(scenario, World('beyond', beyond=25.0), MANY, 3))[0]
     squared = ((found - scenario.eavesdroppers[0].position)**2).sum(axis=1)
     assert agrees(squared, stats.uniform(40.0**2, 65.0**2 - 40.0**2).cdf)
 
 
 def test_normal_places_have_their_covariance():
     scenario = team(40.0)
-    offsets = next(drawn.places(scenario, World('normal'), MANY, 3))[0] - (200.0, 50.0)
+    offsets = next(worlds.draw_places(scenario, World('normal'), MANY, 3))[0] - (200.0, 50.0)
     # The disc has 95% of them: a squared distance is of the law chi-squared.
     assert agrees((offsets**2).sum(axis=1) / 40.0**2 * stats.chi2(2).ppf(0.95), stats.chi2(2).cdf)
     covariance = ((90.0, 40.0), (40.0, 30.0))
-    offsets = next(drawn.places(
+    offsets = next(worlds.draw_places(
         scenario, World('normal', covariance), MANY, 3))[1] - (-100.0, -150.0)
     assert agrees(np.einsum('ni,ij,nj->n', offsets, np.linalg.inv(covariance), offsets),
                   stats.chi2(2).cdf)
     np.testing.assert_allclose(np.cov(offsets.T), covariance, rtol=0.05)
-    flat = next(drawn.places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3))[0]
+    flat = next(worlds.draw_places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3))[0]
     assert np.abs(flat[:, 1] - 50.0).max() < 1e-12 < np.ptp(flat[:, 0])
 
 
 def test_fixed_places_are_those_given():
-    found = next(drawn.places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0))
+    found = next(worlds.draw_places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0))
     assert found.tolist() == [[[1.0, 2.0]] * 2, [[3.0, 4.0]] * 2]
 
 
 @pytest.mark.parametrize('rician_k_db', [-40.0, 0.0, 10.0, 30.0])
 def test_fading_has_the_rician_law_and_is_independent(rician_k_db):
-    first, second = itertools.islice(drawn.fading(rician_k_db, (2, 2), MANY, 5), 2)
+    first, second = itertools.islice(worlds.draw_fading(rician_k_db, (2, 2), MANY, 5), 2)
     factor = 10 ** (rician_k_db / 10)
     law = stats.ncx2(2, 2 * factor, scale=1 / (2 * (factor + 1)))
     assert law.mean() == pytest.approx(1.0)
@@ -239,7 +239,7 @@ def test_lines_of_sight_are_held_over_the_distance_and_as_frequent_as_they_are_p
     steps = np.array([30.0, 30.0, 0.0, 45.0, 10.0, 100.0, 1.0])
     x = np.concatenate([[0.0], np.cumsum(steps)])  # 0, 30, 60, 60, 105, 115, 215, 216
     positions = np.stack([np.stack([x, 0 * x], axis=-1)] * 2 + [np.zeros((8, 2))])
-    found = np.array(list(drawn.sights(scenario, positions, 50.0, MANY, 7)))
+    found = np.array(list(worlds.draw_sights(scenario, positions, 50.0, MANY, 7)))
     changed = (np.diff(found, axis=0) != 0)
     assert (changed[:, :2].any(axis=(2, 3)) == changed[:, :2].all(axis=(2, 3))).all()
     assert changed[:, 0, 0, 0].tolist() == [False, True, False, True, False, True, False]
@@ -247,14 +247,14 @@ def test_lines_of_sight_are_held_over_the_distance_and_as_frequent_as_they_are_p
     assert agrees(found[0].ravel()[::5], stats.uniform.cdf)
     flat = found[0].reshape(9, -1)
     assert np.abs(np.corrcoef(flat) - np.eye(9)).max() < 0.05
-    assert (np.diff(list(drawn.sights(scenario, positions, 0.0, 9, 7)), axis=0) != 0).all()
+    assert (np.diff(list(worlds.draw_sights(scenario, positions, 0.0, 9, 7)), axis=0) != 0).all()
 
 
 def test_tracking_errors_have_their_deviation_and_correlation():
     scenario = team()
     world = World(tracking_std=3.0, tracking_time=8.0)
     found = np.array(list(itertools.islice(
-        drawn.tracking_errors(scenario, world, MANY, 9), 3)))[:, 0, :, 0]
+        worlds.draw_tracking_errors(scenario, world, MANY, 9), 3)))[:, 0, :, 0]
     assert agrees(found[0], stats.norm(0, 3.0).cdf) and agrees(found[2], stats.norm(0, 3.0).cdf)
     kept = math.exp(-scenario.slot_duration / 8.0)
     np.testing.assert_allclose(np.corrcoef(found), [
@@ -265,11 +265,11 @@ def test_a_seed_gives_the_same_draws_on_any_machine():
     # As numbers: they must not change from one version of NumPy to another.
     scenario = team()
     numbers = [
-        next(drawn.places(scenario, World(), 2, 42))[0, 1, 0],
-        next(drawn.places(scenario, World('normal'), 2, 42))[1, 1, 1],
-        next(drawn.sights(scenario, np.zeros((3, 1, 2)), 50.0, 2, 42))[2, 2, 1],
-        next(drawn.fading(3.0, (3, 3), 2, 42))[2, 2, 1],
-        next(drawn.tracking_errors(scenario, World(tracking_std=1.0), 2, 42))[2, 1, 1]]
+        next(worlds.draw_places(scenario, World(), 2, 42))[0, 1, 0],
+        next(worlds.draw_places(scenario, World('normal'), 2, 42))[1, 1, 1],
+        next(worlds.draw_sights(scenario, np.zeros((3, 1, 2)), 50.0, 2, 42))[2, 2, 1],
+        next(worlds.draw_fading(3.0, (3, 3), 2, 42))[2, 2, 1],
+        next(worlds.draw_tracking_errors(scenario, World(tracking_std=1.0), 2, 42))[2, 1, 1]]
     assert numbers == pytest.approx([
         213.2918245057113, -150.85115327553854, 0.092780403631184, 1.1606114855363339,
         -0.5078319544544213], rel=1e-12)

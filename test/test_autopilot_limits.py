@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import Scenario
 from secure_uav_planner.apps.cli import main
-from secure_uav_planner.output.autopilot_limits import AUTOPILOTS, changes, lean
+from secure_uav_planner.output.autopilots import AUTOPILOTS, changes, lean
 
 GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'autopilots.md'
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError
-from secure_uav_planner.model.clearance import Clearance
+from secure_uav_planner.model.clearance import Clearance, least_distance
 from secure_uav_planner.model.curve import Curve
-from secure_uav_planner.model.quadratics import least_distance
 import shapely
 
 SAMPLES = 2001

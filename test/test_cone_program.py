@@ -19,8 +19,7 @@ from scipy.sparse import csc_array
 from secure_uav_planner import NoFlyZone, Plan, Scenario
 from secure_uav_planner.errors import StoppedError
 from secure_uav_planner.mission.kinematics import Vehicle
-from secure_uav_planner.model.cone_program import solve_cone_program
-from secure_uav_planner.model.least_utilisation import minimise_utilisation
+from secure_uav_planner.model.cone_program import minimise_utilisation, solve_cone_program
 from strategies import with_uavs
 
 WAIT = 120.0

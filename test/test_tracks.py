@@ -10,7 +10,7 @@ import numpy as np
 from oracle import disc_at, ground_node_at, sampled_leaks
 import pytest
 from secure_uav_planner import assess, Scenario, solve, World
-from secure_uav_planner.assessment.draws import places as draw_places
+from secure_uav_planner.assessment.world import draw_places
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (

@@ -17,7 +17,7 @@ from ..errors import (
     PlanningError, quote, ScenarioError, StoppedError)
 from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES
 from ..mission.propagation import ENVIRONMENTS
-from ..output.autopilot_limits import AUTOPILOTS
+from ..output.autopilots import AUTOPILOTS
 
 NAME = 'secure_uav_planner'
 

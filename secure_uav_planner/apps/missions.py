@@ -19,7 +19,7 @@ from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
 from ..model.limits import lift_limits, measure_energies
 from ..model.problem import Problem
-from ..output.autopilot_limits import changes
+from ..output.autopilots import changes
 from ..plan.plan import Plan
 
 SHORTFALL_DRAWS = 200

@@ -1,8 +1,7 @@
 """
 What a plan is worth when the world differs from what it was made for: Monte Carlo.
 
-`world` says how the world may differ, `draws` draws worlds, `monte_carlo` evaluates the plan in
-each.
+`world` says how the world may differ and draws worlds, `monte_carlo` evaluates the plan in each.
 """
 
 from .monte_carlo import assess, Assessment

@@ -8,8 +8,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import draws as drawn
-from .world import World
+from .world import draw_fading, draw_places, draw_sights, draw_tracking_errors, World
 from ..errors import name_missing_package, OptionError, quote
 from ..mission.scenario import Array, read_only, Scenario
 from ..mission.validation import checked_kind, checked_real
@@ -232,18 +231,18 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
     """Yield r_k - r_e of the ground nodes in each slot, (G, D) in bit/s/Hz."""
     channel, nodes = scenario.channel, len(scenario.ground_nodes)
     count = nodes + len(scenario.eavesdroppers)
-    places = drawn.places(scenario, world, draws, seed)
+    places = draw_places(scenario, world, draws, seed)
     advantages = [*[1.0] * nodes,
                   *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
     errors: Iterator[Any] = repeat(0.0)
     sights: Iterator[Any] = repeat(None)
     fading: Iterator[Any] = repeat(np.ones((1, count, 1)))
     if world.tracking_std:
-        errors = drawn.tracking_errors(scenario, world, draws, seed)
+        errors = draw_tracking_errors(scenario, world, draws, seed)
     if channel.los is not None and world.los_distance is not None:
-        sights = drawn.sights(scenario, positions, world.los_distance, draws, seed)
+        sights = draw_sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
-        fading = drawn.fading(channel.rician_k_db, (len(positions), count), draws, seed)
+        fading = draw_fading(channel.rician_k_db, (len(positions), count), draws, seed)
     # The mean gain, of which lines of sight and fading are drawn.
     link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')

@@ -1,10 +1,14 @@
-"""Where the UAVs of a scenario may fly, as convex sets for the optimiser and for checks."""
+"""Where the UAVs of a scenario may fly, as convex sets, and routes around the obstacles."""
 
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import pairwise
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+import scipy
 import shapely
 
 from ..mission.polygons import convex_parts, half_planes, pockets
@@ -13,6 +17,14 @@ from ..mission.validation import Array, read_only
 
 GEOFENCE = 'the geofence'
 """Name of the obstacles outside the fence."""
+
+MOST_ROUTES = 3
+"""Between two places, on different sides of the obstacles between them."""
+
+_DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
+_INSIDE = 0.1  # Distance of free places from the fence, in steps.
+_MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
+_ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
 
 
 class Obstacle(NamedTuple):
@@ -85,3 +97,185 @@ class Airspace:
         heights = self.scenario.altitudes
         squares = self.scenario.keep_apart**2 - (heights[:, None] - heights)**2
         return read_only(np.sqrt(np.maximum(squares, 0.0)) * (1 - np.eye(len(heights))))
+
+
+class VisibilityGraph:
+    """The visibility graph of a UAV's obstacles, enlarged by a distance in m."""
+
+    def __init__(self, airspace: Airspace, uav: int, distance: float) -> None:
+        solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
+                                   for obstacle in airspace.obstacles[uav]])
+        enlarged = solid.buffer(distance, join_style='mitre')
+        coarseness = distance / 4
+        while shapely.get_num_coordinates(enlarged) > _MOST_CORNERS:
+            enlarged = solid.simplify(coarseness).buffer(
+                distance + coarseness, join_style='mitre')
+            coarseness *= 2
+        self._parts = shapely.get_parts(enlarged)
+        self._solid = solid.buffer(-_ROUNDING)
+        self._enlarged = enlarged.buffer(-max(_ROUNDING, distance / 100), join_style='mitre')
+        shapely.prepare([self._solid, self._enlarged])
+        corners = shapely.get_coordinates(enlarged)
+        self._normals, self._offsets = airspace.hull
+        self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
+        count = len(self._corners)
+        first, second = np.triu_indices(count, 1)
+        visible = self._are_visible(self._corners[first], self._corners[second])
+        self._edges = first[visible], second[visible]
+
+    def _are_visible(self, begin: Array, end: Array) -> NDArray[np.bool_]:
+        """Return True for each pair of places without an obstacle in between, (M,)."""
+        lines = shapely.linestrings(np.stack([begin, end], axis=1))
+        free: NDArray[np.bool_] = ~shapely.intersects(self._enlarged, lines)
+        if not free.all():
+            # Within the distance of an obstacle, only the obstacle itself counts.
+            inside = shapely.contains_xy(self._enlarged, begin) | shapely.contains_xy(
+                self._enlarged, end)
+            again = np.flatnonzero(~free & inside)
+            free[again] = ~shapely.intersects(self._solid, lines[again])
+        return free
+
+    def find_routes(self, begin: Array, end: Array, most: int) -> list[Array]:
+        """
+        Return at most so many routes between two places, the shortest first, each (K, 2) in m.
+
+        The alternatives pass an obstacle that the shortest route touches on its opposite side.
+        """
+        places, edges = self._insert(np.stack([begin, end]))
+        shortest = _find_shortest_route(places, edges)
+        if shortest is None:
+            return []
+        routes = [shortest]
+        for part in self._parts:
+            touched = shortest[1:-1][shapely.distance(
+                part, shapely.points(shortest[1:-1])) <= _ROUNDING]
+            if not len(touched) or len(routes) == most:
+                continue
+            # No alternative crosses the ray from inside it through where the shortest touches it.
+            centre = np.array(part.representative_point().coords[0])
+            away = touched[len(touched) // 2] - centre
+            ray = shapely.linestrings(np.stack([
+                centre, centre + away * (1e5 / max(math.hypot(*away), 1e-9))]))
+            lines = shapely.linestrings(np.stack([places[edges[0]], places[edges[1]]], axis=1))
+            open_ = ~shapely.intersects(ray, lines)
+            alternative = _find_shortest_route(places, (edges[0][open_], edges[1][open_]))
+            if alternative is not None:
+                routes.append(alternative)
+        return routes
+
+    def measure_distances(self, begins: Array, end: Array) -> Array:
+        """Return the lengths of the shortest routes from places (M, 2) to an end, (M,) in m."""
+        places, edges = self._insert(np.concatenate([begins, end[None]]))
+        distances: Array = scipy.sparse.csgraph.dijkstra(
+            _build_matrix(places, edges), directed=False, indices=[len(places) - 1])[0]
+        return distances[-1 - len(begins):-1]
+
+    def find_nearest_free(self, place: Array) -> Array:
+        """Return the place nearest to a given one that keeps the distance, (2,)."""
+        point = shapely.Point(place)
+        for part in self._parts:
+            if part.contains(point):
+                point = part.exterior.interpolate(part.exterior.project(point))
+        return np.array(point.coords[0])
+
+    def _insert(self, extra: Array) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Return the corners with extra places behind them, and the edges between all."""
+        corners = len(self._corners)
+        places = np.concatenate([self._corners, extra])
+        more = np.arange(corners, len(places))
+        # From the corners to each extra place, and from these to the last.
+        first = np.append(np.tile(np.arange(corners), len(more)), more[:-1])
+        second = np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))
+        visible = self._are_visible(places[first], places[second])
+        return places, (np.append(self._edges[0], first[visible]),
+                        np.append(self._edges[1], second[visible]))
+
+
+class Routes:
+    """
+    Routes of the UAVs in visibility graphs, each of which is built once.
+
+    :param airspace: with the obstacles.
+    :param step_lengths: units of the distances that routes keep from obstacles, (U,) in m.
+    """
+
+    def __init__(self, airspace: Airspace, step_lengths: Array) -> None:
+        self._airspace, self._steps = airspace, step_lengths.tolist()
+        self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
+
+    def find_free_places(self, places: Array, check: Callable[[], None]) -> Array:
+        """
+        Return the places nearest to given ones (..., U, 2) in m where each UAV may be.
+
+        :param check: called now and then; what it raises is passed on.
+        """
+        normals, offsets = self._airspace.hull
+        free = places.copy()
+        for uav, step in enumerate(self._steps):
+            check()
+            graph = self._get_graph(uav, _DISTANCES[0])
+            for index in np.ndindex(places.shape[:-2]):
+                at = (*index, uav)
+                free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
+                if graph is not None:
+                    free[at] = graph.find_nearest_free(free[at])
+        return free
+
+    def find(self, uav: int, places: Sequence[Array],
+             most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
+        """
+        Return the routes of a UAV from each place to the next, at a distance where they can be.
+
+        :return: the visibility graph, or None without obstacles, and for each pair of places the
+            routes, as VisibilityGraph.find_routes returns them.
+        """
+        routes: list[list[Array]] = [[] for _ in places[1:]]
+        for distance in _DISTANCES:
+            graph = self._get_graph(uav, distance)
+            if graph is None:
+                break
+            routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
+            if all(routes):
+                break
+        return graph, routes
+
+    def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
+        """Return the graph of a UAV with a distance in steps, or None without obstacles."""
+        if not self._airspace.obstacles[uav]:
+            return None
+        # UAVs that fly as high and as fast share a graph.
+        key = self._airspace.scenario.uavs[uav].altitude, distance * self._steps[uav]
+        if key not in self._graphs:
+            self._graphs[key] = VisibilityGraph(self._airspace, uav, key[1])
+        return self._graphs[key]
+
+
+def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
+    """Return a place moved into half-planes, by successive projections."""
+    for _ in range(100):
+        beyond = normals @ place - offsets
+        if (beyond <= 0).all():
+            break
+        worst = int(beyond.argmax())
+        place = place - beyond[worst] * normals[worst]
+    return place
+
+
+def _build_matrix(places: Array, edges: tuple[Any, Any]) -> Any:
+    lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
+    # SciPy 1.11 has csgraph for indices of 32 bits only.
+    indices = tuple(np.asarray(ends, np.int32) for ends in edges)
+    return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
+
+
+def _find_shortest_route(places: Array, edges: tuple[Any, Any]) -> Array | None:
+    """Return the shortest route from the last place but one to the last, or None."""
+    begin, end = len(places) - 2, len(places) - 1
+    lengths, before = scipy.sparse.csgraph.dijkstra(
+        _build_matrix(places, edges), directed=False, indices=begin, return_predecessors=True)
+    if not np.isfinite(lengths[end]):
+        return None
+    route = [end]
+    while route[-1] != begin:
+        route.append(before[route[-1]])
+    return places[route[::-1]]

@@ -10,8 +10,8 @@ from .airspace import Airspace
 from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .channel.rates import compute_sinr
+from .cone_program import find_least_utilisations, minimise_utilisation
 from .curve import complete_end_moves, evaluate_spline
-from .least_utilisation import find_least_utilisations, minimise_utilisation
 from ..mission.scenario import Array, read_only, Scenario
 
 _LONGEST_STEP = 0.25  # Largest characteristic step length as a share of a mission's extent.

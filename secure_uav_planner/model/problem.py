@@ -4,12 +4,11 @@ from collections.abc import Callable
 from functools import cached_property
 
 from . import limits
-from .airspace import Airspace
+from .airspace import Airspace, Routes
 from .clearance import Clearance
 from .curve import Curve
 from .grid import Grid
 from .limits import build_limits, Limit, LineLimit, measure_energies, NormLimit
-from .visibility_graph import Routes
 from ..errors import PlanError
 from ..mission.kinematics import UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Scenario

@@ -8,9 +8,9 @@ from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import (
     find_rate_scale, guaranteed_node_rates, guaranteed_rates, worst_case_node_rates)
+from ..model.channel.rates import find_shares, weigh_rates
 from ..model.limits import lift_limits
 from ..model.problem import Problem
-from ..model.shares import find_shares, weigh_rates
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.

@@ -17,7 +17,7 @@ from .incumbent import mute_nonpositive_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
-from ..model.least_utilisation import find_least_utilisations, minimise_utilisation
+from ..model.cone_program import find_least_utilisations, minimise_utilisation
 from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback

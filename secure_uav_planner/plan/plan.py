@@ -11,8 +11,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .results import (
-    Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES)
+from .results import Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import find_range
@@ -21,12 +20,12 @@ from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scen
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
+from ..model.channel.rates import find_shares
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
 from ..model.limits import reduce_budgets
-from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
+from ..model.limits.base import POWER_TOLERANCE
 from ..model.problem import Problem
-from ..model.shares import find_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

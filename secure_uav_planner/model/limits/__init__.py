@@ -5,13 +5,11 @@ A limit provides what base.Limit says: the check of a plan, the retraction of an
 terms in the method `joint`.
 """
 
-from .base import Limit
+from .base import AveragePower, Limit, PeakPower
 from .energy import EnergyLimit, lift_limits, measure_energies, reduce_budgets
 from .lines import LineLimit
 from .motion import AccelerationLimit, NormLimit, SpeedLimit
-from .power import AveragePower, PeakPower
-from .separation import SeparationLimit
-from .zones import FenceLimit, ZoneLimit
+from .zones import FenceLimit, SeparationLimit, ZoneLimit
 from ..grid import Grid
 
 LIMITS: tuple[type[Limit], ...] = (

@@ -2,8 +2,7 @@
 Initial trajectories, from which the methods start.
 
 `flights` flies along routes around obstacles, `projection` moves flights strictly inside all
-limits, `feasibility` asks whether there are flights and says why not, and `trajectories` calls
-these in turn.
+limits, and `trajectories` calls these in turn, or says why there are no flights.
 """
 
 from .flights import build_flights, fly_around, list_orders

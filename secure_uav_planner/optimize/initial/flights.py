@@ -9,9 +9,9 @@ import numpy as np
 from ..deadline import Check
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
-from ...model.least_utilisation import minimise_utilisation
+from ...model.airspace import MOST_ROUTES, VisibilityGraph
+from ...model.cone_program import minimise_utilisation
 from ...model.problem import Problem
-from ...model.visibility_graph import MOST_ROUTES, VisibilityGraph
 
 _TURNS = 25  # Places on the way out at which a UAV may turn back.
 _ALL_ORDERS = 3  # The most ground nodes that are visited in all orders.

@@ -16,9 +16,8 @@ import scipy
 
 from ..deadline import Check
 from ...mission.scenario import Array
-from ...model.cone_program import solve_cone_program
+from ...model.cone_program import find_least_utilisations, solve_cone_program
 from ...model.grid import Grid, resample_flights
-from ...model.least_utilisation import find_least_utilisations
 from ...model.limits import build_limits, LineLimit, NormLimit
 from ...model.limits.lines import Lines
 from ...model.problem import Problem

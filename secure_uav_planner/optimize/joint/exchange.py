@@ -17,8 +17,8 @@ from .starts import make_strictly_feasible
 from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
+from ...model.channel.rates import find_shares, weigh_rates
 from ...model.grid import Grid, Receivers
-from ...model.shares import find_shares, weigh_rates
 from ...plan.plan import Status
 
 WORSE = 1e-7  # The least leak, in the grid's unit of rates, by which a place is worse.
