@@ -339,11 +339,14 @@ def test_the_page_fits_a_screen(browser, url, width):
         browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
 
 
-def test_the_page_asks_its_own_server_only_and_logs_no_errors(page, url):
-    asked = page.browser.execute_script(
+def test_the_page_asks_its_own_server_only_and_logs_no_errors(browser, url):
+    browser.get('about:blank')  # Which ends what the page before was asking for.
+    browser.get_log('browser')
+    Page(browser, url).wait_for_plan()
+    asked = browser.execute_script(
         'return performance.getEntriesByType("resource").map(entry => entry.name)')
     assert [name for name in asked if not name.startswith((url, 'data:', 'blob:'))] == []
-    assert [entry for entry in page.browser.get_log('browser') if entry['level'] == 'SEVERE'] == []
+    assert [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE'] == []
 
 
 # Who is answered

@@ -167,13 +167,13 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
 
 
 def test_at_the_deadline_the_best_plan_so_far_is_published(client):
-    with node_process('planner', duration=400.0, slots=1000, method='alternating',
-                      time_limit=0.05):
+    with node_process('planner', duration=400.0, slots=3000, method='alternating',
+                      time_limit=2.0):
         path = client.listen(Path, 'uav1/path')
         answer = client.plan_paper()
         assert 'stopped at time_limit with the best feasible plan so far' in answer.message
         wait_for(lambda: path)
-        assert len(path[-1].poses) == 1002
+        assert len(path[-1].poses) == 3002
 
 
 def test_names_follow_the_namespace_and_the_lists_of_names(client):

@@ -83,12 +83,13 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
 
 def test_a_horizon_that_has_passed_is_a_warning_and_a_replan_comes_before(client, tmp_path):
     with planned(client, tmp_path, prediction_horizon=10.0) as (_, simulation, status, answer):
-        until, _ = promise_of(status[-1])
-        assert until == pytest.approx(10.0, abs=0.2)
         # The rate that is told is the mean of what is promised.
         wait_for((tmp_path / 'plan.json').exists)
         plan = Plan.load(tmp_path / 'plan.json')
-        promised = plan.guaranteed_rates[:int(until)].mean()
+        until = plan.promised_until
+        assert until == pytest.approx(10.0, abs=0.2)
+        assert promise_of(status[-1])[0] == pytest.approx(until, rel=1e-5)  # Six digits.
+        promised = plan.guaranteed_rates[:int(until + 1e-6)].mean()
         assert f'guaranteed rate {promised:.4f}' in answer and f'until {until:.1f} s' in answer
         assert float(values_of(status[-1])['plan.guaranteed_rate']) == pytest.approx(
             promised, abs=1e-4)

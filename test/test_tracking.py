@@ -21,6 +21,11 @@ from strategies import with_uavs
 LEAD, TOLERANCE = 2.0, 1.0
 
 
+def stop_early(iteration):
+    """Stop a solve after its first steps."""
+    return iteration.number > 3
+
+
 @pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
 def plan(request):
     """Return a plan with a minute to spare, for both kinds of vehicle."""
@@ -171,7 +176,7 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     assert scenario.duration == pytest.approx(
         plan.scenario.duration - beginning.point * plan.scenario.slot_duration)
     # A plan checks the limits of all its points, those of the way included.
-    whole = beginning.splice(solve(scenario, initial=beginning.tail, time_limit=0.05))
+    whole = beginning.splice(solve(scenario, initial=beginning.tail, on_iteration=stop_early))
     new = Playback(whole)
     assert beginning.effect >= time + LEAD - 1e-9
     before = np.linspace(playback.begin, beginning.effect, 500)
@@ -213,7 +218,7 @@ def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     beginning = begin_replan(zoned, 30.0, [measured, None])
     assert beginning.point > free.point
     whole = beginning.splice(solve(
-        beginning.scenario, initial=beginning.tail, time_limit=1.0))
+        beginning.scenario, initial=beginning.tail, on_iteration=stop_early))
     assert whole.scenario.no_fly_zones == (zone,)
 
 
@@ -224,7 +229,7 @@ def test_slots_of_the_way_with_a_negative_rate_do_not_transmit(plan):
     measured = state_at(playback, 70.0, (60.0, 0.0))
     beginning = begin_replan(loud, 70.0, [measured, None])
     whole = beginning.splice(solve(
-        beginning.scenario, initial=beginning.tail, time_limit=0.05))
+        beginning.scenario, initial=beginning.tail, on_iteration=stop_early))
     way = slice(beginning.first, beginning.point)
     assert beginning.point > beginning.first
     rates = guaranteed_rates(whole.scenario, whole.positions, whole.powers)

@@ -93,7 +93,8 @@ def test_the_default_objective_is_the_methods_own_or_that_of_the_initial_plan():
     scenario = Scenario.paper(102.0, 30.0, slots=10)
     plan = solve(scenario)
     assert plan.objective == 'worst_case'
-    assert solve(scenario, method='alternating', time_limit=0.5).objective == 'guaranteed'
+    alternating = {'method': 'alternating', 'on_iteration': lambda _: True}
+    assert solve(scenario, **alternating).objective == 'guaranteed'
     guaranteed = solve(scenario, objective='guaranteed')
     assert guaranteed.guaranteed_rate >= plan.guaranteed_rate
     for before in (plan, guaranteed):
@@ -102,8 +103,7 @@ def test_the_default_objective_is_the_methods_own_or_that_of_the_initial_plan():
         again = solve(tail.scenario, initial=tail)
         assert again.objective == before.objective
         assert before.continued(3, again).objective == before.objective
-    assert solve(scenario, method='alternating', initial=plan,
-                 time_limit=0.5).objective == 'guaranteed'
+    assert solve(scenario, initial=plan, **alternating).objective == 'guaranteed'
     assert solve(scenario, initial=fly_hover_fly(scenario)).objective == 'worst_case'
 
 

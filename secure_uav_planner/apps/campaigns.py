@@ -158,8 +158,9 @@ class _Progress:
 
     def _print(self, end: str) -> None:
         rate = (self._done - self._first) / (time.monotonic() - self._started)
+        per_second = f'{rate:.0f}' if rate >= 100 else f'{rate:.3g}'
         text = (f'{self._title}: {self._done} of {self._total} missions done, {self._failed} '
-                f'failed, {rate:.3g}/s')
+                f'failed, {per_second}/s')
         if rate > 0:
             text += f', {timedelta(seconds=round((self._total - self._done) / rate))} left'
         if self._is_terminal:
