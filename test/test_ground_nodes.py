@@ -131,6 +131,26 @@ def test_a_plan_is_improved_further_and_its_rest_planned_again(fields):
     np.testing.assert_array_equal(tail.shares, plan.shares[:, 40:])
     whole = plan.continued(40, solve(tail.scenario, initial=tail))
     np.testing.assert_array_equal(whole.shares[:, :40], plan.shares[:, :40])
+    assert whole.rate > plan.rate - 1e-6
+
+
+@pytest.mark.parametrize('layout, point', [('A', 20), ('B', 60), ('C', 60), ('D', 90)])
+def test_the_rest_of_a_mission_makes_up_for_what_was_delivered_before(layout, point):
+    duration = 150.0 if layout == 'B' else 120.0
+    plan = solve(make_mission(LAYOUTS[layout], duration), objective='guaranteed')
+    tail = plan.tail(point)
+    delivered = plan.node_shares[:, :point].sum(axis=1)
+    assert tail.scenario.head_starts == pytest.approx(delivered - delivered.min())
+    left = plan.rate * duration - delivered.min()
+    assert tail.rate == pytest.approx(left / tail.scenario.duration)
+    # From scratch, too, in the rest there is the flight that is the best for the whole.
+    for initial in (tail, None):
+        rest = solve(tail.scenario, objective='guaranteed', initial=initial)
+        whole = plan.continued(point, rest)
+        assert whole.scenario.head_starts == ()
+        assert plan.rate - 2e-4 < whole.rate < plan.rate + 1e-3
+    unfair = solve(replace(tail.scenario, head_starts=()), objective='guaranteed')
+    assert plan.continued(point, unfair).rate < 0.99 * plan.rate
 
 
 @pytest.mark.parametrize('mu', [1e-1, 1e-3])
@@ -138,7 +158,7 @@ def test_a_plan_is_improved_further_and_its_rest_planned_again(fields):
 def test_the_gradient_is_that_of_the_barrier_function(mu, eves):
     scenario = make_mission(
         [GroundNode((0, 80), weight=2.0), (90, -30), (-40, 10)], 300.0, slots=5)
-    scenario = replace(scenario, eavesdroppers=tuple(
+    scenario = replace(scenario, head_starts=(0.0, 700.0, 200.0), eavesdroppers=tuple(
         Eavesdropper((200 - 300 * index, 50), 10.0) for index in range(eves)))
     grid = Problem(scenario).grid
     flight = fly_hover_fly(scenario)

@@ -173,7 +173,8 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         delivered += step * promised[slot] * kept
         outages[slot] = np.count_nonzero(~kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
-    least = (sums / count / scenario.node_weights[:, None]).min(axis=0)
+    least = ((sums / count + scenario.node_offsets[:, None])
+             / scenario.node_weights[:, None]).min(axis=0)
     return Assessment(plan, world, draws, seed, read_only(least), read_only(fan),
                       read_only(outages), read_only(delivered), promised, flown is not None)
 

@@ -42,6 +42,10 @@ def _check_size(scenario: 'Scenario') -> Iterator[ScenarioError]:
             if name in names[:number] and (field, name) not in _DEFAULT_NAMES:
                 yield ScenarioError(f'{field} are named {quote(names)}; the names must be '
                                     'unique', (field, number, 'name'))
+    nodes, starts = len(scenario.ground_nodes), scenario.head_starts
+    if len(starts) not in (0, nodes):
+        yield ScenarioError(f'head_starts is {quote(starts)}; it must be a number for each of the '
+                            f'{nodes} ground_nodes, or empty', ('head_starts',))
     most = MAX_COUPLINGS // (3 * len(scenario.uavs))**2
     if scenario.slots > most:
         yield ScenarioError(f'slots is {scenario.slots}; with {len(scenario.uavs)} uavs it must '

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def to_plain(scenario: 'Scenario') -> dict[str, Any]:
     """Return the plain values of a Scenario; see Scenario.to_dict."""
     data = asdict(scenario)
-    for field in ('channel', 'colluding', 'ground_node_track', 'origin'):
+    for field in ('channel', 'colluding', 'ground_node_track', 'head_starts', 'origin'):
         if getattr(scenario, field) == getattr(type(scenario), field):
             del data[field]
     # A ground_node is also the only one of the ground_nodes.

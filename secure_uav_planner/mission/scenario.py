@@ -25,7 +25,8 @@ from .tracks import (
     checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
     Track)
 from .validation import (
-    Array, checked_array, checked_kind, checked_real, make_unique, read_only)
+    Array, checked_array, checked_kind, checked_real, is_sequence, make_unique, read_only,
+    to_number)
 from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ MAX_NODES = 16
 
 MAX_ZONES = 64
 """The most no-fly zones."""
+
+_MOST_DELIVERED = 1e12  # bit/Hz
 
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'GroundNode', 'MAX_COUPLINGS', 'MAX_MEMBERS',
            'MAX_NODES', 'MAX_ZONES', 'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav',
@@ -54,6 +57,14 @@ def _checked_nodes(owner: str, name: str, value: Any) -> tuple[GroundNode, ...]:
     least = 0 if value == () else 1
     return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(
         owner, name, value)
+
+
+def _checked_head_starts(owner: str, name: str, values: Any) -> tuple[float, ...]:
+    numbers = tuple(map(to_number, values)) if is_sequence(values) else (math.nan,)
+    if not all(0.0 <= value <= _MOST_DELIVERED for value in numbers):
+        raise ScenarioError(f'{owner}{name} is {quote(values)}; it must be a list of numbers from '
+                            f'0 to {_MOST_DELIVERED:g} bit/Hz', (name,))
+    return numbers
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
@@ -96,6 +107,9 @@ class Scenario(Checked):
     :param ground_nodes: up to 16 GroundNode instead of ground_node, between which each slot is
         shared. A single one with the default name and weight becomes the ground_node, as that
         becomes the only one of these.
+    :param head_starts: what each of several ground nodes was delivered before point 0 beyond its
+        weight times that of the least served, in bit/Hz, which counts in its mean; none by
+        default. Plan.tail sets it.
     :param origin: the Origin, which says where on Earth (0, 0) is; None where nobody asks.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
@@ -122,6 +136,8 @@ class Scenario(Checked):
         default=None, metadata=checked_by(partial(checked_track, radius=False)))
     origin: Origin | None = field(default=None, metadata=checked_by(Block(Origin)))
     ground_nodes: tuple[GroundNode, ...] = field(default=(), metadata=checked_by(_checked_nodes))
+    head_starts: tuple[float, ...] = field(
+        default=(), metadata=checked_by(_checked_head_starts, 'bit/Hz'))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -307,6 +323,12 @@ class Scenario(Checked):
     def node_weights(self) -> Array:
         """Weights of the ground nodes, (G,)."""
         return read_only([node.weight for node in self.ground_nodes])
+
+    @cached_property
+    def node_offsets(self) -> Array:
+        """Parts of the ground nodes' mean rates by their head_starts, (G,) in bit/s/Hz."""
+        return read_only(np.array(self.head_starts or np.zeros(len(self.ground_nodes)))
+                         / self.duration)
 
     @cached_property
     def zone_names(self) -> tuple[str, ...]:

@@ -218,12 +218,14 @@ class Receivers:
         transmitter's, (N, K).
     :param link: of the UAVs, for arrays (..., K, U).
     :param weights: of the ground nodes, (G,).
+    :param offsets: of their mean rates, (G,) in nats.
     """
 
     positions: Array
     radii: Array
     link: FreeSpace
     weights: Array
+    offsets: Array
 
     @classmethod
     def of(cls, grid: Grid, elevation_offset: float = 0.0) -> 'Receivers':
@@ -233,7 +235,7 @@ class Receivers:
         radii = np.concatenate([np.zeros(grounds.shape[:2]), radii]).T
         link = make_links(grid.scenario, grid.length, grid.power, elevation_offset)
         return cls(positions / grid.length, radii / grid.length, link,
-                   grid.scenario.node_weights)
+                   grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets)
 
     def at_places(self, places: Array) -> 'Receivers':
         """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
@@ -243,7 +245,7 @@ class Receivers:
                            [1] * nodes + [places.shape[1] // eves] * eves)
         positions = np.concatenate([self.positions[:, :nodes], places], axis=1)
         return Receivers(positions, np.zeros(positions.shape[:2]),
-                         self.link.select_receivers(copies), self.weights)
+                         self.link.select_receivers(copies), self.weights, self.offsets)
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """Return r_k (N, G) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""

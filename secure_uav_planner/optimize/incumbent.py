@@ -8,7 +8,7 @@ from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import (
     find_rate_scale, guaranteed_node_rates, guaranteed_rates, worst_case_node_rates)
-from ..model.channel.rates import find_shares, weigh_rates
+from ..model.channel.rates import find_least_rate, find_shares
 from ..model.limits import lift_limits
 from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status
@@ -73,9 +73,8 @@ class Incumbent:
         powers = (self.powers if powers is None else
                   self.problem.retract_powers(positions, powers))
         powers, rates = self._mute_nonpositive_slots(positions, powers)
-        weights = self.scenario.node_weights
-        shares = find_shares(rates, weights)
-        rate = weigh_rates(rates, weights, shares)
+        shares = find_shares(self.scenario, rates)
+        rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
         gain = rate - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0

@@ -17,6 +17,7 @@ from .incumbent import mute_nonpositive_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
+from ..model.channel.rates import find_head_starts
 from ..model.cone_program import find_least_utilisations, minimise_utilisation
 from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
@@ -126,9 +127,14 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     powers = plan.powers[:, :point].copy()
     if point > first:
         times: Array = np.arange(first + 1.0, point + 1) * step
-        powers[:, first:] = mute_nonpositive_slots(
+        powers[:, first:], rates = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
-            plan.objective, times)[0]
+            plan.objective, times)
+        if len(rates) > 1:
+            delivered = plan.node_shares[:, :first].sum(axis=1) + (
+                plan.shares[:, first:point] * rates).sum(axis=1)
+            scenario = replace(scenario, head_starts=find_head_starts(
+                plan.scenario, step * delivered))
     return Rejoin(plan, first, point, positions, powers, tail, scenario)
 
 

@@ -20,7 +20,7 @@ from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scen
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
-from ..model.channel.rates import find_shares
+from ..model.channel.rates import find_head_starts, find_least_rate, find_shares
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
 from ..model.limits import reduce_budgets
@@ -141,8 +141,8 @@ class Plan:
         nodes, slots = len(self.scenario.ground_nodes), self.scenario.slots
         if self.shares is None:
             object.__setattr__(self, 'shares', find_shares(
-                np.zeros((1, slots)) if nodes == 1 else self._find_node_rates(self.objective),
-                self.scenario.node_weights))
+                self.scenario,
+                np.zeros((1, slots)) if nodes == 1 else self._find_node_rates(self.objective)))
         shares = _checked_array('shares', self.shares, (nodes, slots))
         if shares.min() < 0 or shares.sum(axis=0).max() > 1 + _ROUNDING:
             raise PlanError(f'shares is {quote(self.shares)}; they must be at least 0, and at '
@@ -272,13 +272,18 @@ class Plan:
 
     def _find_least(self, rates: Array) -> float:
         """Return the least mean over weight of rates (G, N) of the ground nodes."""
-        return float((rates.mean(axis=1) / self.scenario.node_weights).min())
+        return find_least_rate(self.scenario, rates.mean(axis=1))
+
+    @property
+    def node_shares(self) -> Array:
+        """Rate of the plan's objective of each ground node in its share of each slot, (G, N)."""
+        return (self.guaranteed_shares if self.objective == 'guaranteed' else
+                self.worst_case_shares)
 
     @cached_property
     def node_rates(self) -> Array:
         """Mean rate of the plan's objective of each ground node, (G,) in bit/s/Hz."""
-        return read_only((self.guaranteed_shares if self.objective == 'guaranteed' else
-                          self.worst_case_shares).mean(axis=1))
+        return read_only(self.node_shares.mean(axis=1))
 
     @property
     def guaranteed_rate(self) -> float:
@@ -340,8 +345,9 @@ class Plan:
         """
         Return the rest of the plan from a point, as a plan of the rest of the mission.
 
-        Its average powers and its limits of energy are what the slots before leave of them. A UAV
-        with a limit of acceleration keeps its velocity at the point.
+        Its average powers and its limits of energy are what the slots before leave of them. What
+        these deliver to several ground nodes counts as their head_starts. A UAV with a limit of
+        acceleration keeps its velocity at the point.
 
         :param point: index of its first point, from 0 to slots - 1.
         :raises OptionError: for another point.
@@ -361,7 +367,9 @@ class Plan:
         return replace(
             self, scenario=replace(
                 self.scenario.with_receivers(self.scenario, point * step),
-                uavs=uavs, slots=slots, duration=slots * step),
+                uavs=uavs, slots=slots, duration=slots * step,
+                head_starts=() if len(self.shares) == 1 else find_head_starts(
+                    self.scenario, step * self.node_shares[:, :point].sum(axis=1))),
             positions=self.positions[:, point:], powers=self.powers[:, point:],
             shares=self.shares[:, point:], history=(),
             bound=None, promised_until=_shift(self.promised_until, -point * step),

@@ -12,6 +12,7 @@ from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_choice, checked_kind
+from ..model.channel.rates import find_least_rate
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -129,8 +130,7 @@ class Promise(NamedTuple):
         """Return the least mean over weight of the ground nodes' rates, (G, N)."""
         if not self.slots:
             return 0.0
-        means = rates[:, :self.slots].mean(axis=1)
-        return float((means / self.plan.scenario.node_weights).min())
+        return find_least_rate(self.plan.scenario, rates[:, :self.slots].mean(axis=1))
 
 
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']

@@ -226,12 +226,22 @@ def _squared_norm(offset: Array) -> Array:
     return offset[..., 0]**2 + offset[..., 1]**2
 
 
-def weigh_rates(rates: Array, weights: Array, shares: Array) -> float:
-    """Return the least mean over weight of rates (G, N) in shares (G, N) of the slots."""
-    return float(((shares * rates).mean(axis=1) / weights).min())
+def find_least_rate(scenario: Scenario, means: Array, unit: float = 1.0) -> float:
+    """
+    Return the least of the ground nodes' means (G,), with their head starts, over weight.
+
+    :param unit: of the means, in bit/s/Hz.
+    """
+    return float(((means + scenario.node_offsets / unit) / scenario.node_weights).min())
 
 
-def find_shares(rates: Array, weights: Array) -> Array:
+def find_head_starts(scenario: Scenario, delivered: Array) -> tuple[float, ...]:
+    """Return the head_starts after more has been delivered to the ground nodes, (G,) in bit/Hz."""
+    total, weights = delivered + scenario.duration * scenario.node_offsets, scenario.node_weights
+    return tuple(np.maximum(total - weights * (total / weights).min(), 0.0).tolist())
+
+
+def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
     """
     Return the shares of the slots, (G, N), with the largest least mean over weight.
 
@@ -239,19 +249,20 @@ def find_shares(rates: Array, weights: Array) -> Array:
     a rate is nobody's, but for a single node, whose all are.
 
     :param rates: of each ground node, (G, N), at least 0.
-    :param weights: of the ground nodes, (G,).
+    :param unit: of the rates, in bit/s/Hz.
     """
     nodes, slots = rates.shape
     if nodes == 1:
         return np.ones((1, slots))
-    scaled = rates / weights[:, None]
-    best = np.eye(nodes)[scaled.argmax(axis=0)].T
-    if scaled.any(axis=1).all():
-        best = _solve_program(scaled / scaled.max())
+    scaled, offsets = rates / scenario.node_weights[:, None], (
+        scenario.node_offsets / scenario.node_weights / unit)
+    best, largest = np.eye(nodes)[scaled.argmax(axis=0)].T, scaled.max()
+    if largest and (scaled.any(axis=1) | (offsets > 0)).all():
+        best = _solve_program(scaled / largest, offsets / largest)
     return np.where(rates.any(axis=0), best, 0.0)
 
 
-def _solve_program(rates: Array) -> Array:
+def _solve_program(rates: Array, offsets: Array) -> Array:
     # Here, because it takes half a second to import.
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, eye_array, hstack, vstack
@@ -261,7 +272,7 @@ def _solve_program(rates: Array) -> Array:
         np.append(np.zeros(nodes * slots), -1.0), method='highs-ds',
         A_ub=vstack([hstack([least, np.full((nodes, 1), float(slots))]),
                      hstack([*[eye_array(slots)] * nodes, csr_array((slots, 1))])]),
-        b_ub=np.append(np.zeros(nodes), np.ones(slots)))
+        b_ub=np.append(slots * offsets, np.ones(slots)))
     shares = np.clip(answer.x[:-1].reshape(nodes, slots), 0.0, 1.0)
     # Slots that the program leaves over, because no node needs them, are nobody's.
     return shares / np.maximum(1.0, shares.sum(axis=0))

@@ -35,7 +35,8 @@ kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
     expect(nodes >= 1, "weights");
     expect(entries > nodes * problem.slots && entries % problem.slots == 0, "radii");
     return {int(entries / problem.slots), copy_reals(args, "weights", nodes),
-            copy_reals(args, "positions", 2 * entries), copy_reals(args, "radii", entries)};
+            copy_reals(args, "offsets", nodes), copy_reals(args, "positions", 2 * entries),
+            copy_reals(args, "radii", entries)};
 }
 
 kernel::Places make_places(const Problem& problem, const py::dict& args) {

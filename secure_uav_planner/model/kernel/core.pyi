@@ -105,8 +105,9 @@ class Barrier:
 
         :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
             Limit), `channel`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
-            (U,), `weights` of the ground nodes (G,), `positions` of the receivers (N, K, 2), their
-            `radii`, which the guarantee adds to distances, (N, K), and `places`, None for (P2), or
+            (U,), `weights` of the ground nodes and `offsets` of their mean rates in nats (G,),
+            `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds to
+            distances, (N, K), and `places`, None for (P2), or
             with `followed`, whether they move along with the UAVs, (N, E P), their `offsets` from
             the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`, None without a
             price, or with `terms` of PowerTerms (U, 4) and `end_moves` as those of a NormLimit,

@@ -19,6 +19,7 @@ constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a ste
 struct Receivers {
     int count;
     Reals weights;    // Of the ground nodes, which come first, (G).
+    Reals offsets;    // Of their mean rates, in nats, (G).
     Reals positions;  // (N, K, 2).
     Reals radii;      // What the guarantee adds to a jammer's distance, (N, K).
 };

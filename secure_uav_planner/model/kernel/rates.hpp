@@ -114,8 +114,9 @@ inline void move_epigraph_duals(int count, double length, const double* changes,
 }
 
 // The objective is the sum of all slots' leaks less r_0, or, with several ground nodes, minus N
-// times the least of their weighted means, each of the rates in its shares of the slots. That
-// has -N mu log(mean - eta) for every node, and eta is eliminated, as t is from the leaks.
+// times the least of their weighted means, each an offset and that of the rates in its shares of
+// the slots. That has -N mu log(mean - eta) for every node, and eta is eliminated, as t is from the
+// leaks.
 //
 // For a number of UAVs and a channel model that are known when compiling, or for any (UAVS = 0,
 // Channel).
@@ -149,7 +150,7 @@ public:
     // The mean rate, or the least of the weighted ones, losing slots silenced, in nats.
     double find_mean(const double* all, const double* shares) {
         const int U = uavs(), K = receivers(), G = nodes_;
-        Reals sums(G, 0.0);
+        Reals sums = sum_offsets();
         for (std::size_t n = 0; n < slots_; ++n) {
             double leak = -INFINITE, sinrs = 0.0;
             for (int k = 0; k < K; ++k) {
@@ -242,6 +243,7 @@ public:
     // by Newton's method on its dual, in which a node's rates have a price.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
         const int G = nodes_, H = G + 1;
+        const Reals offsets = sum_offsets();
         Reals prices(G, 1.0 / G), gains(G), matrix(H * H), right(H);
         const auto share_slot = [&](std::size_t n, double level) {
             for (int k = 0; k < G; ++k)
@@ -255,7 +257,8 @@ public:
              level = std::max(mu, SHARES_MU_FACTOR * level)) {
             for (int step = 0; step < SHARE_STEPS; ++step) {
                 std::fill(matrix.begin(), matrix.end(), 0.0);
-                std::fill(right.begin(), right.end(), 0.0);
+                for (int k = 0; k < G; ++k) right[k] = -offsets[k] / weight(k);
+                right[G] = 0.0;
                 for (std::size_t n = 0; n < slots_; ++n) {
                     share_slot(n, level);
                     const double *share = shares + n * G, *rate = &here.node_rates[n * G];
@@ -414,6 +417,13 @@ private:
     int size() const { return 3 * uavs(); }
     int receivers() const { return nodes_ + eves_; }
     double weight(int k) const { return p_.receivers.weights[k]; }
+
+    // The offsets of the nodes' means, summed over the slots.
+    Reals sum_offsets() const {
+        Reals sums = p_.receivers.offsets;
+        for (double& sum : sums) sum *= double(slots_);
+        return sums;
+    }
 
     const double* receiver(std::size_t n, int k) const {
         return &p_.receivers.positions[2 * (n * receivers() + k)];
@@ -582,11 +592,11 @@ private:
     double weigh_nodes(const double* shares, double mu, Evaluation& here) const {
         const int G = nodes_;
         Reals& slacks = here.node_slacks;
-        slacks.assign(G, 0.0);
+        slacks = sum_offsets();
         for (std::size_t n = 0; n < slots_; ++n)
             for (int k = 0; k < G; ++k)
-                slacks[k] -= shares[n * G + k] * here.node_rates[n * G + k];
-        for (int k = 0; k < G; ++k) slacks[k] /= double(slots_) * weight(k);
+                slacks[k] += shares[n * G + k] * here.node_rates[n * G + k];
+        for (int k = 0; k < G; ++k) slacks[k] /= -double(slots_) * weight(k);
         const double largest = solve_epigraph(slacks.data(), G, mu);
         LogSum gaps;
         for (double& slack : slacks) gaps.add((slack = largest - slack) / mu);

@@ -17,7 +17,7 @@ from .starts import make_strictly_feasible
 from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
-from ...model.channel.rates import find_shares, weigh_rates
+from ...model.channel.rates import find_least_rate, find_shares
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
@@ -34,6 +34,7 @@ EXPLORED_MU = 2e-3  # the one with which the best continues on the full grid.
 
 _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
+_NAT = 1 / np.log(2)  # In bit.
 
 
 def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
@@ -255,6 +256,6 @@ class WorstPlaces:
         else:
             most = np.maximum(leaks.max(axis=0), place_leaks.max(axis=-1))
         rates = np.maximum(grounds.T - most, 0.0)
-        weights = self._scenario.node_weights
-        return weigh_rates(
-            rates, weights, find_shares(rates, weights) if shares is None else shares)
+        if shares is None:
+            shares = find_shares(self._scenario, rates, _NAT)
+        return find_least_rate(self._scenario, (shares * rates).mean(axis=1), _NAT)

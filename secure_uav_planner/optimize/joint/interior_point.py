@@ -233,7 +233,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
         **_to_kernel(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
                      peaks=grid.scenario.peak_powers / grid.power,
                      positions=receivers.positions, radii=receivers.radii,
-                     weights=receivers.weights)}
+                     weights=receivers.weights, offsets=receivers.offsets)}
 
 
 def _to_kernel(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
