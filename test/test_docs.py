@@ -461,9 +461,10 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
 
 # Names of others, and of messages, that the pages mention.
 FOREIGN = {
-    'catkin_generate_changelog', 'catkin_prepare_release', 'child_frame_id', 'frame_id',
-    'plan_time', 'poses', 'px4_msgs', 'qos_overrides', 'ref_lat', 'ref_lon', 'secure_uav_planner',
-    'setpoint_trajectory', 'time_from_start', 'time_ref', 'use_sim_time', 'xy_global', 'xy_valid',
+    'catkin_generate_changelog', 'catkin_prepare_release', 'ceiling_amsl', 'child_frame_id',
+    'floor_amsl', 'frame_id', 'plan_time', 'poses', 'px4_msgs', 'qos_overrides', 'ref_alt',
+    'ref_lat', 'ref_lon', 'secure_uav_planner', 'setpoint_trajectory', 'time_from_start',
+    'time_ref', 'use_sim_time', 'xy_global', 'xy_valid',
 }
 
 OF_ROS = ('rcl_interfaces', 'type_description_interfaces')

@@ -272,6 +272,16 @@ def test_altitudes_above_sea_level_are_those_above_the_stated_ground(tmp_path):
             (absolute.replace('1', '0'), 408, "'absolute'.* extruded")):
         with pytest.raises(MissionFileError, match=f'Rail yard.*{reason}'):
             read(tmp_path, 'a.kml', kml(inside, height=468), altitude=altitude)
+    heights = {'name': 'CTR', 'floor_amsl': 400, 'ceiling_amsl': 468}  # From below the ground.
+    (zone,), _ = read(tmp_path, 'a.geojson', geojson(feature([SQUARE], **heights)), altitude=408.0)
+    assert (zone.floor, zone.ceiling) == (0.0, 60.0)
+    for change, altitude, reason in (
+            ({}, None, 'floor_amsl is 400; it must be .* the altitude of the ground'),
+            ({'ceiling_amsl': '1500 ft'}, 408.0, "ceiling_amsl is '1500 ft'"),
+            ({}, 470.0, 'ceiling is -2')):
+        with pytest.raises(MissionFileError, match=f'CTR.*{reason}'):
+            read(tmp_path, 'a.geojson', geojson(feature([SQUARE], **heights | change)),
+                 altitude=altitude)
     # In a mission file, whose nodes take the zones alone.
     data = yaml.safe_load(CITY.read_text()) | {'airspace': 'b.kml', 'origin': dict(
         zip(('latitude', 'longitude', 'altitude'), (*ZURICH, 408)))}
@@ -313,7 +323,7 @@ HOSTILE = {
     'sea.geojson': (geojson(feature([SQUARE], name='CTR', upper=900, upperReference='AMSL')),
                     "CTR: it has 'upper', a height that may be above sea level"),
     'height.geojson': (geojson(feature([[[*corner, 500] for corner in SQUARE]], name='Peak')),
-                       'Peak: a corner has the altitude 500 m, above sea level'),
+                       'Peak: a corner has the altitude 500 m, which is not above the ground'),
     'times.geojson': (geojson(feature([SQUARE], name='Fair', limits={'startDateTime': '2026'})),
                       "Fair: it has 'startDateTime', a time"),
     'swapped.geojson': (geojson(feature([[corner[::-1] for corner in SQUARE]], name='Swap')),

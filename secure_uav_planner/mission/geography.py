@@ -21,9 +21,6 @@ from ..errors import OptionError, quote
 _RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
 """Radius of the Earth in m of each projection."""
 
-_POINT_FIELDS = {'ground_node', 'position', 'start', 'goal', 'vertices', 'geofence', 'track'}
-"""Fields of a mission whose values are places, or have places in them."""
-
 _DECIMALS = 6
 """
 Of places in m. Those beyond are noise of degrees in doubles, about 1e-9 m, by which a method may
@@ -115,25 +112,23 @@ def _check_distance(east: Array, north: Array) -> None:
                           f'north; it must be at most {MAX_DISTANCE / 1e3:g} km')
 
 
-def convert_points(value: Any, origin: Origin, is_point: bool = False,
-                   levels: int = _MOST_LEVELS) -> Any:
+def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> Any:
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
 
     They are rounded to 1e-6 m. A place in a knot of a track counts as two numbers. What is no
     place within 100 km of the origin stays as it is; the checks of its field refuse it.
     """
-    if isinstance(value, Mapping):
-        if is_point and set(value) == {'latitude', 'longitude'}:
-            with suppress(OptionError):
-                return [round(float(part), _DECIMALS) for part in origin.to_local(
-                    to_number(value['latitude']), to_number(value['longitude']))]
-        if levels:
-            return {name: convert_points(item, origin, name in _POINT_FIELDS, levels - 1)
-                    for name, item in value.items()}
+    if isinstance(value, Mapping) and set(value) == {'latitude', 'longitude'}:
+        with suppress(OptionError):
+            return [round(float(part), _DECIMALS) for part in origin.to_local(
+                to_number(value['latitude']), to_number(value['longitude']))]
+    elif isinstance(value, Mapping) and levels:
+        return {name: item if name == 'origin' else convert_points(item, origin, levels - 1)
+                for name, item in value.items()}
     elif isinstance(value, (list, tuple)) and levels:
-        items = [convert_points(item, origin, is_point, levels - 1) for item in value]
-        if not is_point or not value or isinstance(value[0], (list, tuple, Mapping)):
+        items = [convert_points(item, origin, levels - 1) for item in value]
+        if not value or isinstance(value[0], (list, tuple, Mapping)):
             return items
         return [part for given, item in zip(value, items) for part in (  # Of a knot.
             item if isinstance(given, Mapping) and isinstance(item, list) else [item])]

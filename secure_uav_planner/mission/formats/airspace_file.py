@@ -28,7 +28,7 @@ _LARGEST_BEND = 0.1  # m, of an edge that is straight in degrees, in the local f
 # Names of properties: times of validity, and altitudes that are not above the ground.
 _UNKEPT = re.compile(
     r'(?P<time>valid|applicab|expir|schedule|(start|end|begin|from|to)_?(date_?)?time)|'
-    r'amsl|_msl|^(upper|lower|altitude|vertical)', re.I)
+    r'(?<!^floor_)(?<!^ceiling_)amsl|_msl|^(upper|lower|altitude|vertical)', re.I)
 
 _Area: TypeAlias = tuple[Sequence[Any], Any, Any, bool]
 """Corners (latitude, longitude) in degrees, floor and ceiling in m, and whether to stay inside."""
@@ -40,8 +40,8 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
     Read no-fly zones and a geofence from a file, converted as the origin's autopilot does.
 
     :param path: of GeoJSON (.geojson or .json: Polygon and MultiPolygon, as features with name,
-        floor and ceiling in m above the ground); of a plan of QGroundControl (.plan: its fence);
-        or of KML (.kml: polygons).
+        floor and ceiling in m above the ground, or floor_amsl and ceiling_amsl); of a plan of
+        QGroundControl (.plan: its fence); or of KML (.kml: polygons).
     :return: the zones, and the vertices of the geofence in m; None where the file has none.
     :raises OSError: when the file cannot be read, is no regular file, or is too large.
     :raises MissionFileError: naming the file, the feature, and what is allowed.
@@ -133,8 +133,8 @@ def _checked_corners(corners: Any, latitude: int, has_hole: bool = False
         if not 2 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
             raise ScenarioError(f'a corner is {quote(corner)}; it must be two numbers in degrees')
         if any(numbers[2:]):
-            raise ScenarioError(f'a corner has the altitude {numbers[2]:g} m, above sea level; '
-                                'give floor and ceiling in m above the ground')
+            raise ScenarioError(f'a corner has the altitude {numbers[2]:g} m, which is not above '
+                                'the ground; give floor and ceiling')
         checked.append((numbers[latitude], numbers[1 - latitude]))
     return checked
 
@@ -161,11 +161,22 @@ def _read_geojson(feature: Any, origin: Origin) -> Iterator[_Area]:
     if kind not in ('Polygon', 'MultiPolygon'):
         raise ScenarioError(f'it is a {quote(kind)}; it must be a Polygon or a MultiPolygon')
     polygons = _field(geometry, 'coordinates', list, 'a list')
-    floor = properties.get('floor')
+    floor, ceiling = (_read_height(properties, name, origin) for name in ('floor', 'ceiling'))
     for rings in polygons if kind == 'MultiPolygon' else [polygons]:
         ring, *holes = rings if is_sequence(rings) and rings else [None]
-        yield (_checked_corners(ring, 1, bool(holes)), 0.0 if floor is None else floor,
-               properties.get('ceiling'), False)
+        yield _checked_corners(ring, 1, bool(holes)), floor or 0.0, ceiling, False
+
+
+def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
+    """Return a floor or ceiling in m above the ground, None if there is none."""
+    height = properties.get(f'{name}_amsl')
+    if height is None:
+        return properties.get(name)
+    above = to_number(height)
+    if origin.altitude is None or not math.isfinite(above):
+        raise ScenarioError(f'{name}_amsl is {quote(height)}; it must be a number in m, and the '
+                            'origin must have the altitude of the ground')
+    return max(above - origin.altitude, 0.0 if name == 'floor' else -math.inf)
 
 
 def _check_properties(properties: Mapping[str, Any]) -> None:
