@@ -14,6 +14,7 @@ from secure_uav_planner import (
 from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission.fields import REQUIRED
 from secure_uav_planner.plan.playback import Moment, Playback
+from secure_uav_planner.plan.splice import cut_tail
 
 API = (Path(__file__).parents[1] / 'docs' / 'api.rst').read_text()
 HIDDEN = set(re.findall(r'\w+', ' '.join(re.findall('exclude-members: (.+)', API))))
@@ -66,11 +67,11 @@ def examples():
     return {type(instance): instance for instance in instances}, {
         **{name: value for instance in (origin, zone, eavesdropper, uav, scenario, plan)
            for name, value in vars(instance).items()},
-        'scenario': scenario, 'plan': plan, 'tail': plan.tail(2), 'point': 2, 'path': 'file.yaml',
+        'scenario': scenario, 'plan': plan, 'tail': cut_tail(plan, 2), 'point': 2,
+        'path': 'file.yaml',
         'campaign': {'mission': scenario, 'methods': ['fly_hover_fly_constant']},
-        'source': scenario, 'updated': scenario,
-        'bound': None, 'bits': 10.0, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0,
-        'times': [1.0],
+        'source': scenario, 'bound': None, 'bits': 10.0, 'speeds': [1.0], 'data': None,
+        'share': 0.5, 'time': 1.0, 'times': [1.0],
         'moment': playback.at(1.0), 'eavesdropper': (0.0, 0.0), 'carrier_hz': 1e9,
         'bandwidth_hz': 1e6, 'east': 0.0, 'north': 0.0, 'uav_positions': plan.positions[:, 1:-1]}
 

@@ -22,6 +22,7 @@ from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
 from secure_uav_planner.plan.results import Bound
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import make_crowd, scenarios
 
 PAPER = Scenario.paper(104, slots=13)
@@ -192,8 +193,8 @@ def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_pa
     assert loaded.claim == ('worst-case rate at most 1.0% below the best possible '
                             'without separation')
     assert loaded.with_bound(None).claim == ''
-    tail = proven.tail(2)
-    assert tail.bound is None and proven.continued(2, tail).bound is None
+    tail = cut_tail(proven, 2)
+    assert tail.bound is None and continue_plan(proven, 2, tail).bound is None
 
 
 @pytest.mark.parametrize('bound', [3.0, Bound(Scenario.paper(105, slots=13), 3.0)],

@@ -13,6 +13,7 @@ from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 import shapely
 from strategies import with_uavs
 
@@ -98,11 +99,11 @@ def test_a_mission_too_tight_for_few_slots_starts_on_more():
 @pytest.mark.parametrize('point', [1, 25, 59])
 def test_a_tail_is_planned_around_obstacles(point):
     plan, _ = fly(random_city_mission(1, slots=60))
-    tail = plan.tail(point)
+    tail = cut_tail(plan, point)
     again = solve(tail.scenario, initial=tail, objective='guaranteed')
     check_flight(again)
     assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6
-    check_flight(plan.continued(point, again))
+    check_flight(continue_plan(plan, point, again))
 
 
 def test_a_plan_for_another_mission_is_bent_around_obstacles():

@@ -20,6 +20,7 @@ from secure_uav_planner import NoFlyZone, Plan, Scenario
 from secure_uav_planner.errors import StoppedError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.cone_program import minimise_utilisation, solve_cone_program
+from secure_uav_planner.plan.splice import cut_tail
 from strategies import with_uavs
 
 WAIT = 120.0
@@ -103,7 +104,7 @@ def test_missions_and_plans_are_made_without_the_solver(monkeypatch):
     with_flight = replace(scenario, uavs=tuple(replace(
         uav, max_speed=20.0, max_acceleration=1e6) for uav in scenario.uavs))
     plan = Plan(with_flight, straight, np.zeros((2, scenario.slots)))
-    assert plan.tail(100).scenario.slots == 9900
+    assert cut_tail(plan, 100).scenario.slots == 9900
 
 
 def test_where_the_solver_fails_no_flight_is_within_the_limits(monkeypatch):

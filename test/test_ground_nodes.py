@@ -11,6 +11,7 @@ from secure_uav_planner import (
 from secure_uav_planner.errors import OptionError, PlanError, ScenarioError
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 
 LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
            'C': [(0, 200), (-100, 0), (0, -200)], 'D': [(0, 0), (130, 60)]}
@@ -127,9 +128,9 @@ def test_a_plan_is_improved_further_and_its_rest_planned_again(fields):
     plan = solve(scenario, objective='guaranteed')
     again = solve(scenario, initial=plan)
     assert again.guaranteed_rate >= plan.guaranteed_rate
-    tail = plan.tail(40)
+    tail = cut_tail(plan, 40)
     np.testing.assert_array_equal(tail.shares, plan.shares[:, 40:])
-    whole = plan.continued(40, solve(tail.scenario, initial=tail))
+    whole = continue_plan(plan, 40, solve(tail.scenario, initial=tail))
     np.testing.assert_array_equal(whole.shares[:, :40], plan.shares[:, :40])
     assert whole.rate > plan.rate - 1e-6
 
@@ -138,7 +139,7 @@ def test_a_plan_is_improved_further_and_its_rest_planned_again(fields):
 def test_the_rest_of_a_mission_makes_up_for_what_was_delivered_before(layout, point):
     duration = 150.0 if layout == 'B' else 120.0
     plan = solve(make_mission(LAYOUTS[layout], duration), objective='guaranteed')
-    tail = plan.tail(point)
+    tail = cut_tail(plan, point)
     delivered = plan.node_shares[:, :point].sum(axis=1)
     assert tail.scenario.head_starts == pytest.approx(delivered - delivered.min())
     left = plan.rate * duration - delivered.min()
@@ -146,11 +147,11 @@ def test_the_rest_of_a_mission_makes_up_for_what_was_delivered_before(layout, po
     # From scratch, too, in the rest there is the flight that is the best for the whole.
     for initial in (tail, None):
         rest = solve(tail.scenario, objective='guaranteed', initial=initial)
-        whole = plan.continued(point, rest)
+        whole = continue_plan(plan, point, rest)
         assert whole.scenario.head_starts == ()
         assert plan.rate - 2e-4 < whole.rate < plan.rate + 1e-3
     unfair = solve(replace(tail.scenario, head_starts=()), objective='guaranteed')
-    assert plan.continued(point, unfair).rate < 0.99 * plan.rate
+    assert continue_plan(plan, point, unfair).rate < 0.99 * plan.rate
 
 
 @pytest.mark.parametrize('mu', [1e-1, 1e-3])

@@ -16,6 +16,7 @@ from secure_uav_planner.model.limits.energy import measure_energies
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_uavs
 from test_replan import plan_of, received
 
@@ -120,13 +121,13 @@ def test_the_bound_is_valid_and_says_that_it_ignores_energy():
 def test_a_rest_of_a_plan_has_the_rest_of_its_budget():
     plan = solve(make_paper(150.0, 20e3), objective='guaranteed')
     for point in (0, 1, 60, 149):
-        tail = plan.tail(point)
+        tail = cut_tail(plan, point)
         spent = integrate(plan) - integrate(tail)
         assert 20e3 - spent == pytest.approx(tail.scenario.max_energies, abs=1.0)
-    tail = plan.tail(60)
+    tail = cut_tail(plan, 60)
     moved = replace(tail.scenario, eavesdroppers=(Eavesdropper((180.0, 60.0), 10.0),))
     replan = solve(moved, objective='guaranteed', initial=tail)
-    whole = plan.continued(60, replan)
+    whole = continue_plan(plan, 60, replan)
     assert (integrate(whole) <= 1.001 * 20e3).all()
     stay = Plan(moved, tail.positions, tail.powers, objective='guaranteed')
     assert replan.rate > stay.rate

@@ -13,6 +13,7 @@ from secure_uav_planner import Eavesdropper, fly_hover_fly, Iteration, Plan, Sce
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
+from secure_uav_planner.plan.splice import cut_tail
 from strategies import scenarios
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
@@ -211,7 +212,7 @@ def test_an_error_of_a_save_names_the_file_and_not_its_part(tmp_path, plan):
 def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, data):
     plan = replace(fly_hover_fly(scenario), start_ns=10**18)
     point = data.draw(st.integers(0, scenario.slots - 1))
-    tail = plan.tail(point)
+    tail = cut_tail(plan, point)
     assert (tail.positions == plan.positions[:, point:]).all()
     assert tail.times[-1] == pytest.approx(plan.times[-1] - plan.times[point])
     assert tail.start_ns - plan.start_ns == pytest.approx(plan.times[point] * 1e9, abs=1)

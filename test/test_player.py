@@ -12,6 +12,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player, POSITION_JUMP
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from secure_uav_planner.plan.tracking import start_from_state
 from strategies import with_uavs
 
@@ -296,14 +297,14 @@ def test_a_pending_plan_begins_after_the_flight_at_its_own_time(plan):
 
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
     bench = start_flight(plan, 25.0)
-    ahead = plan.tail(20)
+    ahead = cut_tail(plan, 20)
     new_tail = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
         replace(plan.scenario.eavesdroppers[0], position=(150.0, 60.0)),)))
-    revised = plan.continued(20, new_tail)
+    revised = continue_plan(plan, 20, new_tail)
     bench.player.load(revised)
     assert bench.player.playback.plan is revised
     bench.run(30.0)
-    late = plan.continued(20, replace(fly_hover_fly(replace(
+    late = continue_plan(plan, 20, replace(fly_hover_fly(replace(
         ahead.scenario, ground_node=(0.0, 200.0))), start_ns=None))
     bench.player.load(late)
     assert bench.refused[0].startswith('it comes too late for the flight that it changes')
@@ -442,10 +443,10 @@ class AnyOrder(RuleBasedStateMachine):
         plan = self.player.playback.plan
         point = math.ceil((self.player.flight.time + ahead) / plan.scenario.slot_duration)
         try:
-            tail = plan.tail(min(max(point, 0), plan.scenario.slots - 1))
+            tail = cut_tail(plan, min(max(point, 0), plan.scenario.slots - 1))
             new_tail = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
                 replace(plan.scenario.eavesdroppers[0], position=(x, 0.0)),)))
-            self.player.load(plan.continued(max(point, 0), new_tail))
+            self.player.load(continue_plan(plan, max(point, 0), new_tail))
         except PlanningError:
             pass
 

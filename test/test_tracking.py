@@ -13,6 +13,7 @@ from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player
+from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.plan.tracking import (
     AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state,
     start_from_state)
@@ -200,7 +201,7 @@ def test_without_a_deviation_a_replan_begins_on_the_plan(plan):
     for states in ([None, None], [near, None]):
         beginning = begin_replan(plan, 40.0, states)
         assert beginning.point == beginning.first
-        assert beginning.scenario == plan.tail(beginning.point).scenario
+        assert beginning.scenario == cut_tail(plan, beginning.point).scenario
         assert (beginning.positions == plan.positions[:, :beginning.point + 1]).all()
         assert (beginning.powers == plan.powers[:, :beginning.point]).all()
 

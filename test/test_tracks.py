@@ -16,6 +16,7 @@ from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from secure_uav_planner.plan.tracking import AchievedRates
 from strategies import missions, random_powers
 
@@ -156,9 +157,9 @@ def test_a_constant_track_is_the_same_as_no_track():
 
 def test_the_tail_of_a_plan_and_its_continuation_keep_the_tracks_in_time(driving):
     plan = solve(driving, objective='guaranteed')
-    tail = plan.tail(50)
+    tail = cut_tail(plan, 50)
     np.testing.assert_allclose(tail.guaranteed_rates, plan.guaranteed_rates[50:], atol=1e-9)
-    whole = plan.continued(50, tail)
+    whole = continue_plan(plan, 50, tail)
     np.testing.assert_allclose(whole.guaranteed_rates, plan.guaranteed_rates, atol=1e-9)
 
 

@@ -15,6 +15,7 @@ from ros_client import (
 from secure_uav_planner import Eavesdropper, Plan, Scenario, solve
 from secure_uav_planner.model import channel
 from secure_uav_planner.ros.messages import markers
+from secure_uav_planner.ros.recording import record
 from simulation import Simulation
 from test_tracks import drive
 
@@ -231,7 +232,7 @@ def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
     plan = solve(scenario, objective='guaranteed')
     ways = [marker for marker in markers(plan, 'map').markers if marker.ns == 'track']
     assert [(way.points[0].y, way.points[-1].y) for way in ways] == [(-300.0, 300.0)]
-    plan.save_mcap(tmp_path / 'plan.mcap')
+    record(plan, tmp_path / 'plan.mcap')
     with (tmp_path / 'plan.mcap').open('rb') as file:
         places = [(message.log_time, deserialize_message(
             message.data, PoseWithCovarianceStamped).pose.pose.position.y)

@@ -16,6 +16,7 @@ from secure_uav_planner.optimize.joint import exchange
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.method import improve
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import scenarios, with_uavs
 
 
@@ -98,11 +99,11 @@ def test_the_default_objective_is_the_methods_own_or_that_of_the_initial_plan():
     guaranteed = solve(scenario, objective='guaranteed')
     assert guaranteed.guaranteed_rate >= plan.guaranteed_rate
     for before in (plan, guaranteed):
-        tail = before.tail(3)
+        tail = cut_tail(before, 3)
         assert tail.objective == before.objective
         again = solve(tail.scenario, initial=tail)
         assert again.objective == before.objective
-        assert before.continued(3, again).objective == before.objective
+        assert continue_plan(before, 3, again).objective == before.objective
     assert solve(scenario, initial=plan, **alternating).objective == 'guaranteed'
     assert solve(scenario, initial=fly_hover_fly(scenario)).objective == 'worst_case'
 

@@ -1,7 +1,7 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 import math
 import os
@@ -22,11 +22,9 @@ from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
 from .tracks import (
-    checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
-    Track)
+    checked_track, interpolate, LEFT_OUT, ReceiverPlaces, set_by_track, Track)
 from .validation import (
-    Array, checked_array, checked_kind, checked_real, is_sequence, make_unique, read_only,
-    to_number)
+    Array, checked_array, checked_real, is_sequence, make_unique, read_only, to_number)
 from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -109,7 +107,7 @@ class Scenario(Checked):
         becomes the only one of these.
     :param head_starts: what each of several ground nodes was delivered before point 0 beyond its
         weight times that of the least served, in bit/Hz, which counts in its mean; none by
-        default. Plan.tail sets it.
+        default. cut_tail sets it.
     :param origin: the Origin, which says where on Earth (0, 0) is; None where nobody asks.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
@@ -256,53 +254,6 @@ class Scenario(Checked):
     def has_tracks(self) -> bool:
         """Whether any receiver moves."""
         return bool(self._tracks)
-
-    def with_receivers(self, source: 'Scenario', delay: float = 0.0) -> 'Scenario':
-        """
-        Return this scenario with the ground node and the eavesdroppers of a source.
-
-        :param source: a Scenario.
-        :param delay: time in s from point 0 of the source to point 0 of this one.
-        """
-        checked_kind('source', source, Scenario)
-        checked_real('delay', delay)
-        return self._with_tracks(
-            source, [shift_track(node.track, delay) for node in source.ground_nodes],
-            [shift_track(eve.track, delay) for eve in source.eavesdroppers])
-
-    def continue_receivers(self, updated: 'Scenario', point: int) -> 'Scenario':
-        """
-        Return an updated scenario with its receivers after a point, and those of this one before.
-
-        :param updated: a Scenario with the same point 0.
-        :param point: index of the last point at which the receivers of this scenario count.
-        """
-        checked_kind('updated', updated, Scenario)
-        if checked_real('point', point) == 0:
-            return updated
-        step, count = self.slot_duration, len(self.ground_nodes)
-        joined = [join_tracks(old, new, point * step, step)
-                  for old, new in zip(self._knots, updated._knots, strict=True)]
-        return updated._with_tracks(updated, joined[:count], joined[count:])
-
-    def _with_tracks(self, source: 'Scenario', node_tracks: Sequence[Track | None],
-                     tracks: Sequence[Track | None]) -> 'Scenario':
-        """Return this scenario with the receivers of a source on other tracks."""
-        return replace(
-            self, ground_node=LEFT_OUT, ground_node_track=None, ground_nodes=tuple(
-                node if track is None else replace(node, position=LEFT_OUT, track=track)
-                for node, track in zip(source.ground_nodes, node_tracks, strict=True)),
-            eavesdroppers=tuple(
-                eve if track is None else replace(
-                    eve, position=LEFT_OUT, error_radius=LEFT_OUT, track=track)
-                for eve, track in zip(source.eavesdroppers, tracks, strict=True)))
-
-    @property
-    def _knots(self) -> list[Track]:
-        """Tracks of ground nodes and eavesdroppers; a single knot for one that stands."""
-        return [*(node.track or ((0.0, *node.position),) for node in self.ground_nodes),
-                *(eve.track or ((0.0, *eve.position, eve.error_radius),)
-                  for eve in self.eavesdroppers)]
 
     @cached_property
     def max_step(self) -> Array:

@@ -22,6 +22,7 @@ from ..model.cone_program import find_least_utilisations, minimise_utilisation
 from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback
+from ..plan.splice import continue_plan, cut_tail, move_receivers
 from ..plan.tracking import deviation, MeasuredState, predict_return
 
 _GROWTH = 1.25  # Ratio of successive distances, in slots, between points that are tried.
@@ -57,8 +58,8 @@ class Rejoin:
 
     def splice(self, replan: Plan) -> Plan:
         """Return the plan of the whole mission that ends with a plan for the scenario."""
-        return self.plan.continued(
-            self.point, replan, (self.positions, self.powers), self.first)
+        return continue_plan(
+            self.plan, self.point, replan, (self.positions, self.powers), self.first)
 
 
 def find_first_point(scenario: Scenario, time: float) -> int:
@@ -77,11 +78,11 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
     :param updated: the plan's scenario with the present estimates of the receivers.
     :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
     """
-    tail, step = plan.tail(first), plan.scenario.slot_duration
+    tail, step = cut_tail(plan, first), plan.scenario.slot_duration
     recoveries = _list_recovery_paths(plan, first, tail.scenario, states, tolerance)
     if not recoveries:
         return Rejoin(plan, first, first, plan.positions[:, :first + 1], plan.powers[:, :first],
-                      tail, tail.scenario.with_receivers(updated, first * step))
+                      tail, move_receivers(tail.scenario, updated, first * step))
     reason: ScenarioError | PlanError | None = None
     for point in _list_candidates(first, plan.scenario.slots):
         paths = {}
@@ -107,7 +108,7 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
 def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                   updated: Scenario) -> Rejoin:
     """Return the Rejoin at a point with new paths of UAVs, by index, each (point + 1, 2)."""
-    tail, step = plan.tail(point), plan.scenario.slot_duration
+    tail, step = cut_tail(plan, point), plan.scenario.slot_duration
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
     for index, path in paths.items():
         positions[index] = path
@@ -117,7 +118,8 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
             uavs[index], start=_to_point(path[-1]), max_energy=left[index].max_energy,
             start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
-    scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
+    scenario = move_receivers(
+        replace(tail.scenario, uavs=tuple(uavs)), updated, point * step)
     utilisations = find_least_utilisations(scenario)
     late = [uav.name for uav, utilisation in zip(uavs, utilisations, strict=True)
             if not utilisation <= 1 + UTILISATION_TOLERANCE]

@@ -14,7 +14,6 @@ import shapely
 from ..errors import OptionError
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
-from ..plan.plan import Plan
 
 COLUMNS = ('uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power',
            *(f'{objective}_rate' for objective in OBJECTIVES))
@@ -107,7 +106,7 @@ def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str
     return '\n'.join(f'| {" | ".join(map(str, line))} |' for line in lines)
 
 
-def save_csv(plan: Plan, path: str | os.PathLike[str]) -> None:
+def save_csv(plan: Any, path: str | os.PathLike[str]) -> None:
     """
     Write the point_rows of a plan under list_columns to a CSV file.
 
@@ -119,7 +118,7 @@ def save_csv(plan: Plan, path: str | os.PathLike[str]) -> None:
         writer.writerows(point_rows(plan))
 
 
-def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
+def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
     """
     Write paths, receivers, zones and fence of a plan to a GeoJSON file; see Plan.to_geojson.
 
@@ -174,13 +173,13 @@ def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
         json.dump({'type': 'FeatureCollection', 'features': features}, file, allow_nan=False)
 
 
-def to_dataframe(plan: Plan) -> Any:
+def to_dataframe(plan: Any) -> Any:
     """Return the rows of the CSV file as a pandas DataFrame."""
     from pandas import DataFrame  # Here, because it is optional and takes time to import.
     return DataFrame(point_rows(plan), columns=list_columns(plan))
 
 
-def save_mat(plan: Plan, path: str | os.PathLike[str]) -> None:
+def save_mat(plan: Any, path: str | os.PathLike[str]) -> None:
     """
     Write the arrays of a plan to a MAT file; see Plan.save_mat.
 
@@ -202,7 +201,7 @@ def save_mat(plan: Plan, path: str | os.PathLike[str]) -> None:
                 oned_as='column')
 
 
-def list_columns(plan: Plan) -> list[str]:
+def list_columns(plan: Any) -> list[str]:
     """
     Return COLUMNS and, of each eavesdropper, those of its disc, `<name>.x`, `.y`, `.radius`.
 
@@ -214,7 +213,7 @@ def list_columns(plan: Plan) -> list[str]:
             *(f'{name}.share' for name in nodes if len(nodes) > 1)]
 
 
-def point_rows(plan: Plan) -> list[tuple[Any, ...]]:
+def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     """
     Return a row of list_columns for each point of each UAV: the flown position and velocity.
 

@@ -11,21 +11,19 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
+from .rated_flight import RatedFlight
 from .results import Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
-from ..mission.fields import find_range
-from ..mission.kinematics import clip_norm
-from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
+from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
-from ..mission.validation import checked_array, checked_kind, checked_real
-from ..model import channel
-from ..model.channel.rates import find_head_starts, find_least_rate, find_shares
+from ..mission.validation import checked_kind, checked_real
+from ..model.channel.rates import find_shares
 from ..model.clearance import Clearance
-from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
-from ..model.limits import reduce_budgets
+from ..model.curve import compute_energies, Energy
 from ..model.limits.base import POWER_TOLERANCE
 from ..model.problem import Problem
+from ..output import tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +41,7 @@ _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(RatedFlight):
     """
     A feasible flight and power plan of a scenario.
 
@@ -149,12 +147,6 @@ class Plan:
                             'most 1 together in each slot', ('shares',))
         object.__setattr__(self, 'shares', shares)
 
-    def _find_node_rates(self, objective: Objective) -> Array:
-        """Return [R]^+ of each ground node, (G, N) in bit/s/Hz."""
-        find_rates = (channel.guaranteed_node_rates if objective == 'guaranteed' else
-                      channel.worst_case_node_rates)
-        return _positive_part(find_rates(self.scenario, self.positions, self.powers))
-
     def _check_ends(self) -> None:
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for field, point in (('start', path[0]), ('goal', path[-1])):
@@ -210,100 +202,15 @@ class Plan:
             content.append(self.shares.tobytes())
         return blake2b(b' '.join(content), digest_size=4).hexdigest()
 
-    @property
-    def times(self) -> Array:
-        """Time of every point from the start, (N+2,) in s."""
-        return self.scenario.times
-
-    @cached_property
-    def guaranteed_rates(self) -> Array:
-        """Guaranteed rate [R-bar]^+ of each slot, (N,) in bit/s/Hz, of all nodes together."""
-        return read_only(self.guaranteed_shares.sum(axis=0))
-
-    @cached_property
-    def guaranteed_shares(self) -> Array:
-        """Guaranteed rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
-        return read_only(self.shares * self._find_node_rates('guaranteed'))
-
-    @cached_property
-    def worst_case_rates(self) -> Array:
-        """Worst-case rate R of each slot, equation (6), (N,), of all nodes together."""
-        return read_only(self.worst_case_shares.sum(axis=0))
-
-    @cached_property
-    def worst_case_shares(self) -> Array:
-        """Worst-case rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
-        return read_only(self.shares * self._find_node_rates('worst_case'))
-
-    @cached_property
-    def curve(self) -> Curve:
-        """Flight as a function of time."""
-        return Curve(self.scenario, self.positions)
-
     @cached_property
     def clearance(self) -> Clearance:
         """Distances of the curve from zones, and of the UAVs from each other."""
         return Clearance(self.scenario, self.curve)
 
     @cached_property
-    def curve_rates(self) -> Array:
-        """
-        Guaranteed rates along the curve, as means over each slot, (N,) in bit/s/Hz.
-
-        They differ from guaranteed_rates, which are those at the points, by the discretisation.
-        """
-        return read_only(self.curve_shares.sum(axis=0))
-
-    @cached_property
-    def curve_shares(self) -> Array:
-        """Guaranteed rates along the curve of each ground node in its shares, (G, N)."""
-        return read_only(self.shares * _positive_part(
-            mean_guaranteed_rates(self.scenario, self.curve, self.powers)))
-
-    @cached_property
     def energies(self) -> tuple[Energy | None, ...]:
         """Energy of the flight of each UAV, None for a UAV without a propulsion."""
         return compute_energies(self.scenario, self.curve)
-
-    @property
-    def curve_rate(self) -> float:
-        """Mean of curve_rates in bit/s/Hz: the information delivered per second and Hz."""
-        return self._find_least(self.curve_shares)
-
-    def _find_least(self, rates: Array) -> float:
-        """Return the least mean over weight of rates (G, N) of the ground nodes."""
-        return find_least_rate(self.scenario, rates.mean(axis=1))
-
-    @property
-    def node_shares(self) -> Array:
-        """Rate of the plan's objective of each ground node in its share of each slot, (G, N)."""
-        return (self.guaranteed_shares if self.objective == 'guaranteed' else
-                self.worst_case_shares)
-
-    @cached_property
-    def node_rates(self) -> Array:
-        """Mean rate of the plan's objective of each ground node, (G,) in bit/s/Hz."""
-        return read_only(self.node_shares.mean(axis=1))
-
-    @property
-    def guaranteed_rate(self) -> float:
-        """
-        Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz.
-
-        With several ground nodes it is the least of their means, each divided by its weight, as
-        are the other rates.
-        """
-        return self._find_least(self.guaranteed_shares)
-
-    @property
-    def worst_case_rate(self) -> float:
-        """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
-        return self._find_least(self.worst_case_shares)
-
-    @property
-    def rate(self) -> float:
-        """Mean rate of the plan's objective in bit/s/Hz."""
-        return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
 
     @property
     def claim(self) -> str:
@@ -340,79 +247,6 @@ class Plan:
         for rates in ('guaranteed_rates', 'worst_case_rates'):
             getattr(self, rates)
         return self
-
-    def tail(self, point: int) -> 'Plan':
-        """
-        Return the rest of the plan from a point, as a plan of the rest of the mission.
-
-        Its average powers and its limits of energy are what the slots before leave of them. What
-        these deliver to several ground nodes counts as their head_starts. A UAV with a limit of
-        acceleration keeps its velocity at the point.
-
-        :param point: index of its first point, from 0 to slots - 1.
-        :raises OptionError: for another point.
-        """
-        self._check_point(point)
-        slots = self.scenario.slots - point
-        left = self.scenario.slots * self.scenario.average_powers - (
-            self.powers[:, :point].sum(axis=1))
-        step, least = self.scenario.slot_duration, find_range(Uav, 'average_power').low
-        uavs = tuple(
-            replace(uav, start=tuple(path[point].tolist()),
-                    start_velocity=_velocity_at(uav, path, point, step),
-                    average_power=min(uav.peak_power, max(energy / slots, least)))
-            for uav, path, energy in zip(
-                reduce_budgets(self.scenario, self.positions, point), self.positions,
-                left.tolist(), strict=True))
-        return replace(
-            self, scenario=replace(
-                self.scenario.with_receivers(self.scenario, point * step),
-                uavs=uavs, slots=slots, duration=slots * step,
-                head_starts=() if len(self.shares) == 1 else find_head_starts(
-                    self.scenario, step * self.node_shares[:, :point].sum(axis=1))),
-            positions=self.positions[:, point:], powers=self.powers[:, point:],
-            shares=self.shares[:, point:], history=(),
-            bound=None, promised_until=_shift(self.promised_until, -point * step),
-            bits=None, too_short=None,
-            start_ns=(None if self.start_ns is None else
-                      self.start_ns + round(point * step * 1e9)))
-
-    def continued(self, point: int, tail: 'Plan',
-                  beginning: tuple[Array, Array] | None = None,
-                  first: int | None = None) -> 'Plan':
-        """
-        Return this plan up to a point, followed by another plan of the rest of the mission.
-
-        :param point: index of the tail's first point, as passed to tail.
-        :param tail: a Plan of the mission of tail(point), perhaps with other eavesdroppers.
-        :param beginning: positions and powers up to the point, if they are not this plan's.
-        :param first: the last point at which the receivers of this plan count, by default `point`;
-            those of the tail count after it.
-        :return: a Plan of the whole mission.
-        """
-        first = point if first is None else first
-        self._check_point(point)
-        self._check_point(first, 'first')
-        checked_kind('tail', tail, Plan)
-        positions, powers = self.positions, self.powers
-        if beginning is not None:
-            positions, powers = (
-                checked_array('beginning', values, (len(powers), None, *rest))
-                for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
-        delay = point * self.scenario.slot_duration
-        return replace(
-            tail, scenario=self.scenario.continue_receivers(
-                self.scenario.with_receivers(tail.scenario, -delay), first),
-            positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
-            powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
-            shares=np.concatenate([self.shares[:, :point], tail.shares], axis=1),
-            start_ns=self.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
-
-    def _check_point(self, point: int, name: str = 'point') -> None:
-        if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
-                or not 0 <= point < self.scenario.slots):
-            raise OptionError(f'{name} is {quote(point)}; it must be a whole number from 0 to '
-                              f'{self.scenario.slots - 1}', ('point',))
 
     def plot(self, baselines: 'Sequence[Plan]' = (),
              axes: 'Axes | Sequence[Axes] | None' = None, title: bool = True,
@@ -453,8 +287,7 @@ class Plan:
         :raises MissingPackageError: when pandas is not installed.
         """
         with name_missing_package():
-            from ..output.tables import to_dataframe
-            return to_dataframe(self)
+            return tables.to_dataframe(self)
 
     def save_mat(self, path: str | os.PathLike[str]) -> None:
         """
@@ -467,9 +300,7 @@ class Plan:
 
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        with name_missing_package():
-            from ..output.tables import save_mat
-        save_mat(self, path)
+        tables.save_mat(self, path)
 
     def to_geojson(self, path: str | os.PathLike[str]) -> None:
         """
@@ -479,20 +310,7 @@ class Plan:
         :raises OptionError: for a plan whose scenario has no origin.
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        with name_missing_package():
-            from ..output.tables import save_geojson
-        save_geojson(self, path)
-
-    def save_mcap(self, path: str | os.PathLike[str]) -> None:
-        """
-        Write the messages of a flight of the plan to an MCAP file, for Foxglove and `ros2 bag`.
-
-        :raises MissingPackageError: when ROS's Python packages or mcap are not installed.
-        :raises OSError: when the file cannot be written; an old one is left unchanged.
-        """
-        with name_missing_package():
-            from ..ros.recording import record
-        record(self, path)
+        tables.save_geojson(self, path)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """
@@ -517,17 +335,8 @@ class Plan:
         return file.read_plan(path, cls)
 
 
-def _shift(time: float | None, seconds: float) -> float | None:
-    return None if time is None else time + seconds
-
-
 def _values(plan: Plan) -> tuple[Any, ...]:
     return tuple(getattr(plan, field.name) for field in fields(plan))
-
-
-def _positive_part(rates: Array) -> Array:
-    """Return [x]^+ of rates: a slot with a negative rate need not transmit."""
-    return read_only(np.maximum(rates, 0.0))
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -542,12 +351,3 @@ def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
             f'{np.count_nonzero(~np.isfinite(array))} values that are not finite; '
             f'it must be finite with the shape {shape}', (field,))
     return array
-
-
-def _velocity_at(uav: Uav, path: Array, point: int, step: float) -> Point | None:
-    """Return the velocity in m/s with which a UAV reaches a point of its path, (N+2, 2)."""
-    if point == 0:
-        return uav.start_velocity
-    x, y = ((path[point] - path[point - 1]) / step).tolist()
-    # A plan may exceed the speed by its tolerance.
-    return clip_norm(x, y, uav.max_speed)

@@ -1,21 +1,17 @@
 """The results of methods beside the plan: iterations, why they stopped, and a proven bound."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import Any, get_args, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from .rated_flight import RatedFlight
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_choice, checked_kind
 from ..model.channel.rates import find_least_rate
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -97,7 +93,7 @@ class Promise(NamedTuple):
     :ivar slots: their number.
     """
 
-    plan: Plan
+    plan: RatedFlight
     slots: int
 
     @property
@@ -179,7 +175,7 @@ class Bound:
         return (f'<Bound: no plan has a {self.scenario.channel.rate_name(self.objective)} above '
                 f'{self.rate:.4f} bit/s/Hz, {self.status}>')
 
-    def gap(self, plan: Plan) -> float:
+    def gap(self, plan: RatedFlight) -> float:
         """
         Return the gap of a plan as a share of its rate, (bound - rate) / rate.
 
@@ -195,7 +191,7 @@ class Bound:
             return (self.rate - rate) / rate
         return math.inf if self.rate > rate else 0.0
 
-    def share_missing(self, plan: Plan) -> float:
+    def share_missing(self, plan: RatedFlight) -> float:
         """
         Return the gap as a share of the best possible rate, (bound - rate) / bound.
 
@@ -205,7 +201,7 @@ class Bound:
         gap = self.gap(plan)
         return 1.0 if math.isinf(gap) else gap / (1.0 + gap)
 
-    def claim(self, plan: Plan) -> str:
+    def claim(self, plan: RatedFlight) -> str:
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
@@ -227,7 +223,7 @@ class Bound:
                 'solve_time': self.solve_time, 'status': self.status}
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any], scenario: Scenario) -> Bound:
+    def from_dict(cls, data: dict[str, Any], scenario: Scenario) -> 'Bound':
         """
         Return the bound that to_dict wrote.
 
@@ -242,7 +238,7 @@ class Bound:
             **data, 'rate': math.inf if data['rate'] is None else data['rate']})
 
 
-def check_plan(plan: Plan, scenario: Scenario) -> None:
+def check_plan(plan: RatedFlight, scenario: Scenario) -> None:
     """Raise OptionError unless a plan is a Plan of this scenario."""
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
         raise OptionError(f'plan is {quote(plan)}; it must be a Plan', ('plan',))

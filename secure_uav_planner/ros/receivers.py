@@ -16,6 +16,7 @@ from .poses import error_radius, KnownPose, PoseBook
 from ..mission.fields import RADIUS
 from ..mission.scenario import Eavesdropper, Scenario
 from ..mission.tracks import LEFT_OUT, Track
+from ..plan.splice import move_receivers
 from ..plan.tracking import PlanClock
 
 _SHORTEST_TRACK = 1.0  # s
@@ -42,7 +43,7 @@ class Receivers(NamedTuple):
 
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
-        later = scenario.with_receivers(scenario, seconds)
+        later = move_receivers(scenario, scenario, seconds)
         ground = scenario if 'ground_node' in self.scheduled else later
         return replace(
             later, ground_node=ground.ground_node, ground_node_track=ground.ground_node_track,

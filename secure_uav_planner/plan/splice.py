@@ -1,0 +1,155 @@
+"""Plans that are cut at a point and continued there, and the receivers of their missions."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .plan import Plan
+from ..errors import OptionError, quote
+from ..mission.fields import find_range
+from ..mission.kinematics import clip_norm
+from ..mission.scenario import Array, Eavesdropper, GroundNode, Point, Scenario, Uav
+from ..mission.tracks import join_tracks, LEFT_OUT, shift_track, Track
+from ..mission.validation import checked_array, checked_kind, checked_real
+from ..model.channel.rates import find_head_starts
+from ..model.limits import reduce_budgets
+
+
+def cut_tail(plan: Plan, point: int) -> Plan:
+    """
+    Return the rest of a plan from a point, as a plan of the rest of the mission.
+
+    Its average powers and its limits of energy are what the slots before leave of them. What
+    these deliver to several ground nodes counts as their head_starts. A UAV with a limit of
+    acceleration keeps its velocity at the point.
+
+    :param plan: a Plan.
+    :param point: index of its first point, from 0 to slots - 1.
+    :raises OptionError: for another point.
+    """
+    scenario = checked_kind('plan', plan, Plan).scenario
+    _check_point(scenario, 'point', point)
+    slots, step = scenario.slots - point, scenario.slot_duration
+    least = find_range(Uav, 'average_power').low
+    left = scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1)
+    uavs = tuple(
+        replace(uav, start=tuple(path[point].tolist()),
+                start_velocity=_find_velocity(uav, path, point, step),
+                average_power=min(uav.peak_power, max(energy / slots, least)))
+        for uav, path, energy in zip(
+            reduce_budgets(scenario, plan.positions, point), plan.positions, left.tolist(),
+            strict=True))
+    rest = replace(move_receivers(scenario, scenario, point * step),
+                   uavs=uavs, slots=slots, duration=slots * step,
+                   head_starts=() if len(plan.shares) == 1 else find_head_starts(
+                       scenario, step * plan.node_shares[:, :point].sum(axis=1)))
+    return replace(
+        plan, scenario=rest, positions=plan.positions[:, point:], powers=plan.powers[:, point:],
+        shares=plan.shares[:, point:], history=(), bound=None, bits=None, too_short=None,
+        promised_until=_shift(plan.promised_until, -point * step),
+        start_ns=None if plan.start_ns is None else plan.start_ns + round(point * step * 1e9))
+
+
+def continue_plan(plan: Plan, point: int, tail: Plan,
+                  beginning: tuple[Array, Array] | None = None, first: int | None = None) -> Plan:
+    """
+    Return a plan up to a point, followed by another plan of the rest of the mission.
+
+    :param plan: a Plan.
+    :param point: index of the tail's first point, as passed to cut_tail.
+    :param tail: a Plan of the mission of cut_tail, perhaps with other eavesdroppers.
+    :param beginning: positions and powers up to the point, if they are not the plan's.
+    :param first: the last point at which the receivers of the plan count, by default `point`;
+        those of the tail count after it.
+    :return: a Plan of the whole mission.
+    """
+    scenario = checked_kind('plan', plan, Plan).scenario
+    first = point if first is None else first
+    _check_point(scenario, 'point', point)
+    _check_point(scenario, 'first', first)
+    checked_kind('tail', tail, Plan)
+    positions, powers = plan.positions, plan.powers
+    if beginning is not None:
+        positions, powers = (
+            checked_array('beginning', values, (len(powers), None, *rest))
+            for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
+    delay = point * scenario.slot_duration
+    whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
+    return replace(
+        tail, scenario=whole,
+        positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
+        powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
+        shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
+        start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
+
+
+def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> Scenario:
+    """
+    Return a scenario with the ground nodes and the eavesdroppers of a source.
+
+    :param scenario: a Scenario.
+    :param source: likewise.
+    :param delay: time in s from point 0 of the source to point 0 of the scenario.
+    """
+    checked_kind('scenario', scenario, Scenario)
+    checked_kind('source', source, Scenario)
+    checked_real('delay', delay)
+    return _set_receivers(scenario, source, [
+        shift_track(receiver.track, delay) for receiver in _list_receivers(source)])
+
+
+def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
+    """Return an updated scenario with the receivers of another one up to a point."""
+    if point == 0:
+        return updated
+    step = scenario.slot_duration
+    return _set_receivers(updated, updated, [
+        join_tracks(_find_track(old), _find_track(new), point * step, step)
+        for old, new in zip(_list_receivers(scenario), _list_receivers(updated), strict=True)])
+
+
+def _list_receivers(scenario: Scenario) -> list[GroundNode | Eavesdropper]:
+    return [*scenario.ground_nodes, *scenario.eavesdroppers]
+
+
+def _find_track(receiver: GroundNode | Eavesdropper) -> Track:
+    """Return the track of a receiver; a single knot for one that stands."""
+    if receiver.track is not None:
+        return receiver.track
+    radius = (receiver.error_radius,) if isinstance(receiver, Eavesdropper) else ()
+    return ((0.0, *receiver.position, *radius),)
+
+
+def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track | None]
+                   ) -> Scenario:
+    """Return a scenario with the receivers of a source, those with a track on it."""
+    nodes = len(source.ground_nodes)
+    return replace(
+        scenario, ground_node=LEFT_OUT, ground_node_track=None, ground_nodes=tuple(
+            node if track is None else replace(node, position=LEFT_OUT, track=track)
+            for node, track in zip(source.ground_nodes, tracks[:nodes], strict=True)),
+        eavesdroppers=tuple(
+            eve if track is None else replace(
+                eve, position=LEFT_OUT, error_radius=LEFT_OUT, track=track)
+            for eve, track in zip(source.eavesdroppers, tracks[nodes:], strict=True)))
+
+
+def _check_point(scenario: Scenario, name: str, point: object) -> None:
+    if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
+            or not 0 <= point < scenario.slots):
+        raise OptionError(f'{name} is {quote(point)}; it must be a whole number from 0 to '
+                          f'{scenario.slots - 1}', (name,))
+
+
+def _shift(time: float | None, seconds: float) -> float | None:
+    return None if time is None else time + seconds
+
+
+def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
+    """Return the velocity in m/s with which a UAV reaches a point of its path, (N+2, 2)."""
+    if point == 0:
+        return uav.start_velocity
+    x, y = ((path[point] - path[point - 1]) / step).tolist()
+    # A plan may exceed the speed by its tolerance.
+    return clip_norm(x, y, uav.max_speed)
