@@ -326,6 +326,7 @@ def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
     (['--place', 'normal', '--covariance', '1', '2', '1'], '--covariance: '),
     (['--tracking-std', '-1'], '--tracking-std: '), (['--draws', '0'], ''),
     (['--positions', '1', '--place', 'fixed'], ''), (['--out', 'a.html'], ''),
+    (['--speed-factor', '2'], '--speed-factor is 2; the plan must have an eavesdropper with a'),
     (['--exponent', '9'], '')])
 def test_wrong_options_of_the_command_are_bad_input_and_named(
         plan, tmp_path, monkeypatch, capsys, options, named):

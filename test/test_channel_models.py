@@ -181,13 +181,6 @@ def test_plans_promise_in_a_city_what_the_prototype_does_and_keep_it(duration, o
     assert assess(plan, 4000, world=World(los_distance=0.0)).outage <= outage
 
 
-def test_a_plan_that_carries_nothing_says_so():
-    far = with_uavs(Scenario.paper(120, slots=12), start=(1000.0, 900.0), goal=(1000.0, 950.0))
-    plan = solve(replace(far, channel=Channel(los='highrise', outage=0.01)))
-    assert plan.rate == 0.0 and 'no slot carries anything' in plan.message
-    assert 'no slot' not in solve(far).message
-
-
 def test_what_is_cautious_promises_less_and_never_too_much():
     scenario = replace(Scenario.paper(120), channel=MODELS['urban'])
     rng = np.random.default_rng(0)

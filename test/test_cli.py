@@ -15,12 +15,10 @@ import subprocess
 import sys
 import threading
 
-import numpy as np
 from processes import environment, ROOT
 import pytest
-from secure_uav_planner import Channel, Eavesdropper, METHODS, Plan, Scenario
+from secure_uav_planner import Channel, Eavesdropper, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
-from secure_uav_planner.plan.plan import OBJECTIVES
 from strategies import make_crowd
 from test_mission_file import RICH
 
@@ -72,13 +70,6 @@ def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     assert f'; {plan.claim}, which is proven' in printed
     [percent] = re.findall(r'at most (.*)% below the best possible', printed)
     assert 0 <= float(percent) - 100 * (1 - plan.worst_case_rate / plan.bound.rate) < 0.1 + 1e-9
-
-
-def test_a_speed_factor_needs_a_track(planned, capsys):
-    folder, _ = planned
-    assert main(['assess', str(folder / 'a' / 'b' / 'plan.json'), '--speed-factor', '2']) == 2
-    assert '--speed-factor is 2; the plan must have an eavesdropper with a track' in (
-        capsys.readouterr().err)
 
 
 def test_the_csv_is_the_table_of_the_plan(planned):
@@ -150,16 +141,6 @@ def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
     assert main(['new', str(file)]) == 2 and file.read_text() == text
     assert 'is there already' in capsys.readouterr().err
     assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
-
-
-def test_check_says_all_that_is_wrong_a_line_each(tmp_path, capsys):
-    file = tmp_path / 'mission.yaml'
-    file.write_text('duration: long\nslots: 2.5\nuavs: []\ncolour: red\n')
-    assert main(['check', str(file)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ''
-    for line, number in zip(err.splitlines(), (1, 1, 1, 2, 3, 4), strict=True):
-        assert line.startswith(f'secure_uav_planner: {file}:{number}: ')
 
 
 WALL = '  - {name: wall, vertices: [[-600, -5], [600, -5], [600, 5], [-600, 5]]}'
@@ -286,13 +267,6 @@ def test_a_wrong_option_is_one_line_with_the_allowed_values_and_status_2(
     assert error.value.code == 2 and reason in line and line.endswith(' --help')
 
 
-def test_a_node_with_help_is_not_run(capsys):
-    with pytest.raises(SystemExit) as error:
-        main(['node', 'planner', '--help'])
-    printed = ' '.join(capsys.readouterr().out.split())
-    assert error.value.code == 0 and '`--ros-args -p mission_file:=mission.yaml`' in printed
-
-
 def test_pictures_do_not_depend_on_the_settings_of_the_user(planned, tmp_path):
     """Of a notebook whose environment this is not, and of LaTeX, which is not on the path."""
     shutil.copy(planned[0] / 'a' / 'b' / 'plan.json', tmp_path)
@@ -387,37 +361,6 @@ def test_all_files_are_written_though_nobody_reads_what_is_printed(tmp_path):
     assert (done.returncode, done.stderr) == (1, '')
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {
         'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
-
-
-INTERRUPTED = """import os, signal, sys
-from secure_uav_planner.__main__ import main
-count, at = 0, int(sys.argv.pop(1))
-def at_import(event, about):
-    global count
-    count += event == 'import'
-    if event == 'import' and count == at:
-        os.kill(os.getpid(), signal.SIGINT)
-sys.addaudithook(at_import)
-try:
-    sys.exit(main())
-finally:
-    print(count)
-"""
-"""Runs the command with a Ctrl-C at one of its imports, and prints how many they were."""
-
-
-def test_ctrl_c_while_modules_are_imported_ends_the_command_without_a_traceback(tmp_path):
-    def check(at):
-        return subprocess.run(
-            [sys.executable, '-c', INTERRUPTED, str(at), 'check', 'mission.yaml'], cwd=tmp_path,
-            capture_output=True, text=True, timeout=PATIENCE, env=environment())
-
-    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
-    imports = int(check(0).stdout.split()[-1])
-    for at in np.linspace(1, imports, 6, dtype=int):
-        done = check(at)
-        assert done.returncode == 130, done.stderr
-        assert done.stderr in ('', 'secure_uav_planner: stopped\n')
 
 
 def stop_plan_at(text, number, folder, *arguments):
@@ -552,9 +495,3 @@ def test_the_reference_has_each_part_option_and_status_of_the_command():
     assert not set(re.findall(r'`(--[\w-]+)', section)) - {
         option for parser in [make_parser(), *list_parsers().values()]
         for option in parser._option_string_actions}
-
-
-def test_the_choices_of_the_command_are_those_of_the_library():
-    options = list_parsers()['plan']._option_string_actions
-    assert tuple(options['--method'].choices) == tuple(METHODS)
-    assert tuple(options['--objective'].choices) == OBJECTIVES

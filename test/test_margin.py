@@ -11,7 +11,6 @@ from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError, ScenarioError
 from secure_uav_planner.mission.polygons import checked_polygon, offset_polygon
 from secure_uav_planner.model.airspace import Airspace
-from secure_uav_planner.ros.status import closest_approach_text, closest_approach_values
 import shapely
 
 SPIKE = ((0.0, 0.0), (100.0, 0.0), (0.0, 5.0))
@@ -118,17 +117,6 @@ def test_a_plan_has_its_distances_with_and_without_the_margin():
     # A zone below a UAV by less than the margin counts as well.
     assert fly_straight(make_team(tracking_margin=8.0, no_fly_zones=(
         NoFlyZone(((-30, -30), (-10, -30), (-10, 40)), 0.0, 45.0),))).clearance.to_zones
-
-
-def test_the_status_shows_distances_with_and_without_the_margin():
-    plan = fly_straight(make_team(tracking_margin=8.0))
-    assert closest_approach_text(plan) == (
-        'one and two come within 20.0 m of each other (4.0 m with the tracking_margin of 8 m); '
-        'one comes within 10.0 m of wall (2.0 m with the tracking_margin of 8 m)')
-    values = closest_approach_values(plan)
-    assert {key: values[key] for key in values if key.endswith('_margin')} == pytest.approx({
-        'plan.uav_distance.beyond_margin': 4.0, 'plan.zone_distance.beyond_margin': 2.0})
-    assert 'margin' not in closest_approach_text(fly_straight(make_team()))
 
 
 def test_a_margin_can_make_uavs_close():

@@ -1,17 +1,13 @@
 """What the package says it needs is what it needs, and installing it harms nothing."""
 
 import ast
-import json
 import os
 from pathlib import Path
 import re
-import shlex
-import subprocess
 import sys
 from xml.etree import ElementTree
 
 from conftest import OPTIONAL
-from environments import OUTSIDE
 import pytest
 import yaml
 
@@ -129,51 +125,3 @@ def test_on_path_is_one_command_and_the_executables_are_where_ros2_run_looks(pac
     for file in files:
         assert os.access(ROOT / file, os.X_OK), file
         assert (ROOT / file).read_text().startswith('#!/usr/bin/env python3\n'), file
-
-
-# The README's way on Ubuntu 24.04
-
-
-def python_of_ubuntu():
-    """Return a Python that NumPy 1.26 has wheels for, the 3.12 of Ubuntu 24.04 if it is here."""
-    for name in ('python3.12', sys.executable):
-        try:
-            subprocess.run([name, '-c', 'import sys; assert sys.version_info < (3, 13)'],
-                           check=True, capture_output=True)
-        except (OSError, subprocess.CalledProcessError):
-            continue
-        return name
-    pytest.skip('needs Python 3.12 or older, which NumPy 1.26 has wheels for')
-
-
-@pytest.fixture(scope='module')
-def ubuntu(tmp_path_factory):
-    """Return pip of an environment with the NumPy, SciPy and setuptools of Ubuntu 24.04."""
-    folder = tmp_path_factory.mktemp('ubuntu')
-    subprocess.run([python_of_ubuntu(), '-m', 'venv', folder], check=True, env=OUTSIDE)
-
-    def pip(*arguments):
-        return subprocess.run([folder / 'bin' / 'python', '-m', 'pip', *arguments], text=True,
-                              capture_output=True, env=OUTSIDE, timeout=600)
-
-    made = pip('install', '--quiet', '--only-binary', ':all:',
-               'numpy==1.26.4', 'scipy==1.11.4', 'setuptools==68.1.2')
-    if made.returncode:
-        pytest.skip('needs a package index: ' + made.stderr.strip().rpartition('\n')[2])
-    return pip
-
-
-@pytest.mark.slow
-def test_the_line_of_the_readme_brings_cvxpy_and_leaves_the_numpy_of_ubuntu_alone(ubuntu):
-    section = (ROOT / 'README.md').read_text().split('## In a ROS workspace')[1]
-    line = re.search('^pip install .*cvxpy.*$', section, re.MULTILINE)[0]
-    before_rosdep = section.index(line) < section.index('rosdep install')
-    words = shlex.split(line, comments=True)[1:]
-    result = ubuntu(*words, '--dry-run', '--quiet', '--report', '-')
-    assert result.returncode == 0, result.stderr
-    brought = {package['metadata']['name'].lower(): package['metadata']['version']
-               for package in json.loads(result.stdout)['install']}
-    assert 'numpy' not in brought and {'cvxpy', 'clarabel'} <= set(brought), brought
-    assert brought['cvxpy'].startswith('1.7.')  # what `make compat` tests beside NumPy 1.26
-    # rosdep leaves alone what is there, and otherwise asks pip for the newest.
-    assert before_rosdep

@@ -14,7 +14,6 @@ from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Sce
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
-from secure_uav_planner.output.drawing import uav_color
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
 import shapely
 from strategies import random_powers, scenarios, with_uavs
@@ -129,10 +128,6 @@ def test_one_limit_of_power_has_one_label_and_a_rate_of_zero_cuts_none_off(plans
     assert [text.get_text() for text in figure.axes[1].texts] == ['peak, average']
     figure.savefig(tmp_path / 'plan.png')
     assert (imread(tmp_path / 'plan.png')[:, :3, :3] == 1).all()
-
-
-def test_sixteen_uavs_have_sixteen_colours():
-    assert len({uav_color(index) for index in range(16)}) == 16
 
 
 def test_for_a_column_of_a_paper_all_texts_are_serif_of_8_pt_and_none_is_cut(plans, tmp_path):

@@ -12,7 +12,6 @@ import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Iteration, Plan, Scenario, solve
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.model import channel
-from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
 from secure_uav_planner.plan.splice import cut_tail
 from strategies import scenarios
 
@@ -34,13 +33,6 @@ def test_a_plan_its_rates_and_its_copies_are_read_only(plan):
         assert same.guaranteed_rate == plan.guaranteed_rate
 
 
-def test_a_plan_made_by_hand_has_that_status_and_a_representation_of_one_line(plan):
-    given = Plan(plan.scenario, plan.positions, plan.powers)
-    assert (given.status, given.message) == ('given', 'given by hand')
-    assert 'bit/s/Hz given by hand; UAVs' in repr(given)
-    assert len(repr(given)) < 150 and '\n' not in repr(given)
-
-
 def test_only_slots_with_a_positive_rate_count():
     scenario = Scenario.paper(104.0, 60.0, slots=26)
     optimised, baseline = solve(scenario), fly_hover_fly(scenario)
@@ -54,10 +46,6 @@ def test_only_slots_with_a_positive_rate_count():
         assert plan.worst_case_rates == pytest.approx(np.where(worst > 0, worst, 0.0))
         assert plan.curve_rates.min() == 0.0
         assert (worst.min() < -0.01) == (plan is unhelped)
-
-
-def test_every_status_has_a_text():
-    assert set(STATUS_TEXTS) == set(STATUSES)
 
 
 @pytest.mark.parametrize('changes, reason', [

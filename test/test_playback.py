@@ -91,18 +91,6 @@ def test_a_uav_at_rest_leaves_its_start_and_reaches_its_goal_half_a_slot_beyond_
     assert np.allclose(halves.velocities, np.diff(plan.positions, axis=1))
 
 
-def test_rates_along_the_curve_are_those_of_dense_samples(plan):
-    playback = Playback(plan)
-    dense = []
-    for share in (np.arange(40) + 0.5) / 40:
-        times = plan.times[1:-1] + share * plan.scenario.slot_duration
-        positions = np.pad(playback.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
-        dense.append(channel.guaranteed_rates(plan.scenario, positions, plan.powers))
-    assert playback.guaranteed_rates == pytest.approx(
-        np.maximum(np.mean(dense, axis=0), 0.0), abs=1e-4)
-    assert playback.guaranteed_rates.mean() == pytest.approx(plan.guaranteed_rate, abs=2e-2)
-
-
 @settings(max_examples=60)
 @given(scenarios())
 def test_a_motion_has_the_limits_and_the_ends_of_its_curve(scenario):

@@ -2,22 +2,12 @@
 
 import csv
 from dataclasses import replace
-import json
-import os
 import pathlib
-import signal
-import subprocess
-import sys
-import time
 
 from matplotlib.image import imread
-from processes import environment
 import pytest
-from secure_uav_planner import Plan
-from secure_uav_planner.apps.campaigns import JOURNAL
-from secure_uav_planner.apps.tasks import plan_path
 from studies import paper as study
-from studies.paper.claims import check_claims, write_claims
+from studies.paper.claims import check_claims
 from studies.paper.experiments import sources
 from studies.paper.figures import assess_environments, write_figures
 
@@ -73,16 +63,6 @@ def test_a_claim_that_does_not_hold_is_reported_as_such(plans):
     flat = {point: longest.get((point.experiment, point.scheme), plan)
             for point, plan in plans.items()}
     assert not claim(flat, 'all four schemes increase').holds
-
-
-def test_claims_are_written_with_their_numbers_and_verdicts(plans, tmp_path):
-    path, claims = write_claims(plans, tmp_path / 'claims.md')
-    text = path.read_text()
-    assert claims in text
-    table = [line for line in text.splitlines() if line.startswith('| ')][2:]
-    assert len(table) == len(check_claims(plans)) >= 9
-    assert all(line.count('|') == 5 and ('| yes |' in line or '| **no** |' in line)
-               for line in table)
 
 
 def test_a_larger_disc_never_helps_and_more_power_over_the_noise_does(plans):
@@ -146,35 +126,6 @@ def test_the_key_of_a_plan_depends_on_all_code_that_makes_it():
     assert not {name.partition('/')[0] for name in names} & {'apps', 'ros', 'output'}
 
 
-def test_what_is_finished_is_not_planned_again_and_what_is_damaged_is(plans, folder):
-    lines = (folder / JOURNAL).read_text().splitlines()
-    rows = [json.loads(line) for line in lines]
-    assert {row['outcome'] for row in rows} == {'ok'}
-    assert len({row['key'] for row in rows}) == len(rows) == len(
-        {point.task['key'] for point in plans})
-    study.plan_points(list(plans), folder, jobs=1)
-    assert (folder / JOURNAL).read_text().splitlines() == lines
-    victim = next(point for point in plans if point.experiment == 'radius' and point.x == 60)
-    file = plan_path(folder, victim.task['key'])
-    file.write_text('{"half": ')
-    again = study.plan_points(list(plans), folder, jobs=1)
-    new, = (folder / JOURNAL).read_text().splitlines()[len(lines):]
-    assert json.loads(new)['key'] == victim.task['key'] and len(again) == len(rows)
-    assert Plan.load(file).scenario == victim.scenario
-
-
-def test_rows_say_what_the_plans_do(plans, folder):
-    rows = {row['key']: row for row in study.plan_points(list(plans), folder, jobs=1)}
-    for point, plan in plans.items():
-        row = rows[point.task['key']]
-        assert row['objective'] == plan.objective and row['rate'] == pytest.approx(plan.rate)
-        assert row['guaranteed_rate'] == pytest.approx(plan.guaranteed_rate)
-        assert row['worst_case_rate'] == pytest.approx(plan.worst_case_rate)
-        assert (row['bound'] is None) == (plan.bound is None) == (not point.bounded)
-        assert row['fields']['duration'] == plan.scenario.duration
-    assert any(point.bounded for point in plans)
-
-
 def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
     short = study.make_points(quick=True)[0]
     monkeypatch.setattr('studies.paper.__main__.make_points', lambda quick: [
@@ -195,52 +146,3 @@ def test_another_scenario_scheme_or_code_is_another_row(monkeypatch):
     assert replace(point, experiment='elsewhere', x=3.0).task['key'] in keys and len(keys) == 3
     monkeypatch.setattr('studies.paper.experiments.code_version', lambda: 'changed')
     assert replace(point).task['key'] not in keys
-
-
-def test_a_wrong_option_is_refused_in_a_line(tmp_path, capsys):
-    assert study.main(['--out', str(tmp_path), '--quick', '--jobs=0']) == 2
-    assert capsys.readouterr().err.startswith('study: jobs is 0; ')
-
-
-def list_group(process):
-    """Return the running processes of a group."""
-    names = []
-    for path in pathlib.Path('/proc').glob('[0-9]*/stat'):
-        try:
-            fields = path.read_text().rpartition(')')[2].split()
-        except OSError:
-            continue
-        if int(fields[2]) == process.pid and fields[0] != 'Z':
-            names.append(path.parent.name)
-    return names
-
-
-@pytest.mark.skipif(not pathlib.Path('/proc').is_dir(), reason='needs /proc')
-def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_traceback(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'studies.paper', '--out', str(tmp_path),
-         '--jobs', '2'],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-        # As in a terminal, wherever the tests run: what a script runs with & ignores it.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        env=environment())
-    try:
-        until = time.monotonic() + 600
-        while len(list(tmp_path.glob('plans/*.json'))) < 3 and time.monotonic() < until:
-            time.sleep(0.05)
-        # As a terminal does it: to every process of the group.
-        os.killpg(process.pid, signal.SIGINT)
-        output, _ = process.communicate(timeout=120)
-        until = time.monotonic() + 120
-        while list_group(process) and time.monotonic() < until:
-            time.sleep(0.05)
-        assert list_group(process) == []
-    finally:
-        if list_group(process):
-            os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 130, output
-    assert 'Traceback' not in output and 'the same command goes on' in output
-    kept = list(tmp_path.glob('plans/*'))
-    assert len(kept) >= 3
-    for path in kept:
-        assert Plan.load(path)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import fcntl
 from itertools import product
 import json
+import os
 from pathlib import Path
 from random import Random
 import re
@@ -359,10 +360,10 @@ def test_a_driver_that_was_killed_goes_on_where_it_was(folder):
 
 def test_ctrl_c_keeps_what_is_finished(folder):
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 50'))
-    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1')
+    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2', start_new_session=True)
     wait_for(lambda: written(2), process)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=PATIENCE)
+    os.killpg(process.pid, signal.SIGINT)  # As a terminal does.
+    _, errors = process.communicate(timeout=PATIENCE)  # The end of the workers, too.
     assert process.returncode == 130 and 'stopped' in errors and 'Traceback' not in errors
     assert len(journal()) >= 2
 

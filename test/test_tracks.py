@@ -15,9 +15,7 @@ from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
-from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
-from secure_uav_planner.plan.tracking import AchievedRates
 from strategies import missions, random_powers
 
 PLACED = {'position': None, 'error_radius': None}  # By a track.
@@ -139,14 +137,6 @@ def test_rates_along_the_curve_move_the_receivers_in_continuous_time(driving):
     np.testing.assert_allclose(plan.curve_rates, np.maximum(means, 0), atol=1e-4)
 
 
-def test_rates_so_far_count_receivers_where_they_are_then(driving):
-    plan = solve(driving, objective='guaranteed')
-    playback, achieved = Playback(plan), AchievedRates()
-    for time in np.arange(0.0, 121.0, 0.25).tolist():
-        achieved.add(playback, time, playback.at(time).positions)
-    assert achieved.rates == pytest.approx((plan.curve_rate, plan.curve_rate), abs=0.01)
-
-
 def test_a_constant_track_is_the_same_as_no_track():
     scenario = Scenario.paper(120)
     still = drive(scenario, 0.0)
@@ -203,16 +193,6 @@ def test_what_a_track_decides_is_left_out_or_agrees(driving, tmp_path):
             Scenario.load(path)
         assert len(error.value.problems) == 1
         owner[field] = right
-
-
-def test_a_wrong_knot_of_a_file_is_named_with_its_line(driving, tmp_path):
-    path = tmp_path / 'mission.yaml'
-    replace(driving, ground_node_track=((0.0, 0.0, 0.0), (60.0, 5.0, 5.0))).save(path)
-    text = path.read_text()
-    path.write_text(text.replace('[60.0, 5.0, 5.0]', '[-60.0, 5.0, 5.0]'))
-    line = text[:text.index('[60.0, 5.0')].count('\n') + 1
-    with pytest.raises(ScenarioError, match=rf':{line}: ground_node.track\[1\] has the time'):
-        Scenario.load(path)
 
 
 def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():

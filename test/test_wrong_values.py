@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    assess, Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Propulsion, Scenario,
-    shortest_duration, solve, Uav, upper_bound, World)
+    assess, Bound, Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, Propulsion,
+    Scenario, shortest_duration, solve, Uav, upper_bound, World)
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.fields import Number
 from secure_uav_planner.mission.propagation import reference_snr_db
@@ -166,6 +166,8 @@ OPTIONS = [
     (partial(assess, PLAN), {'world': World(tracking_std=1.0), 'flown': np.zeros((2, 10, 2))},
      'tracking_std', 'tracking_std is 1 m'),
     (PLAN.tail, {'point': 10}, 'point', 'is 10; it must be'),
+    (Plan.load, {'path': 5}, 'path', 'must be a string or a path'),
+    (partial(solve, PAPER), {'initial': 'x'}, 'initial', 'must be a'),
     (Propulsion().power, {'speeds': 'x'}, 'speeds', ''),
     (Propulsion().power, {'speeds': [1.0, -2.0]}, 'speeds', 'of at least 0 m/s'),
     (LINK, {'carrier_hz': 2.4}, 'carrier_hz', 'from 1e+06 to 1e+12 Hz'),
@@ -207,7 +209,9 @@ OPTIONS = [
 PLANS = [
     *((PLAN, {'start_ns': start}, 'start_ns', '') for start in (-5, 2**63 - 1, 1.5, True)),
     (PLAN, {'positions': np.zeros((2, 103, 2))}, 'positions', ''),
-    (PLAN, {'powers': 'x'}, 'powers', ''),
+    (PLAN, {'powers': 'x'}, 'powers', ''), (PLAN, {'history': (5,)}, 'history', 'must be'),
+    *((PLAN.with_bound, {'bound': bound}, 'bound', 'must be None or a Bound of') for bound in (
+        3.0, Bound(Scenario.paper(105, slots=13), 3.0))),
     *((partial(change_plan, field), {'index': index, 'value': value}, '', text)
       for field, index, value, text in (
         ('positions', (0, 5, 0), -450.0, 'uav1 moves'),
