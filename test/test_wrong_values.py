@@ -14,6 +14,7 @@ from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.fields import Number
 from secure_uav_planner.mission.propagation import reference_snr_db
 from secure_uav_planner.output.autopilots import Setpoint
+from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.ros.parameters import Spec
 from strategies import make_crowd
 from test_margin import make_team
@@ -165,7 +166,7 @@ OPTIONS = [
      'positions has 2 places; it must have one for each of the 1 eavesdroppers'),
     (partial(assess, PLAN), {'world': World(tracking_std=1.0), 'flown': np.zeros((2, 10, 2))},
      'tracking_std', 'tracking_std is 1 m'),
-    (PLAN.tail, {'point': 10}, 'point', 'is 10; it must be'),
+    (partial(cut_tail, PLAN), {'point': 10}, 'point', 'is 10; it must be'),
     (Plan.load, {'path': 5}, 'path', 'must be a string or a path'),
     (partial(solve, PAPER), {'initial': 'x'}, 'initial', 'must be a'),
     (Propulsion().power, {'speeds': 'x'}, 'speeds', ''),
