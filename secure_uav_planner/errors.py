@@ -8,7 +8,7 @@ Programming errors are not among them, so that nobody catches those by mistake.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-import math
+import json
 import reprlib
 from typing import Any, ClassVar, TypeAlias
 
@@ -169,7 +169,7 @@ _yaml_notation: ContextVar[bool] = ContextVar('_yaml_notation', default=False)
 
 @contextmanager
 def yaml_notation() -> Iterator[None]:
-    """Write values in messages as YAML and JSON do, such as null instead of None."""
+    """Write None, True and False in messages as YAML and JSON do."""
     token = _yaml_notation.set(True)
     try:
         yield
@@ -200,24 +200,11 @@ class _Quote(reprlib.Repr):
         if type(x).__module__ == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
         if _yaml_notation.get() and (x is None or isinstance(x, bool)):
-            return 'null' if x is None else str(x).lower()
-        if _yaml_notation.get() and isinstance(x, float) and not math.isfinite(x):
-            return f'{x}'.replace('inf', '.inf').replace('nan', '.nan')
+            return json.dumps(x)
         try:
             return super().repr1(x, level)
         except ValueError:  # an integer of more digits than Python converts
             return f'<{type(x).__name__} of {x.bit_length()} bits>'
-
-    def repr_tuple(self, x: tuple[Any, ...], level: int) -> str:
-        return (self.repr_list([*x], level) if _yaml_notation.get()
-                else super().repr_tuple(x, level))
-
-    def repr_dict(self, x: dict[Any, Any], level: int) -> str:
-        if not _yaml_notation.get() or not x or level <= 0:
-            return super().repr_dict(x, level)
-        items = [f'{key}: {self.repr1(x[key], level - 1)}'[:self.maxother]
-                 for key in [*x][:self.maxdict]]
-        return f'{{{", ".join([*items, *["..."] * (len(x) > self.maxdict)])}}}'
 
 
 quote = _Quote().repr

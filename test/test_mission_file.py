@@ -160,7 +160,7 @@ separation: 20
         (4, 'a.peak_power is 4.0; it must be at least average_power')])
     check_problems(load_problems(write_file(tmp_path, text.replace('_power: 5', '_power: 3'))), [
         (5, "uavs are named ['a', 'a', 'b']; the names must be unique"),
-        (6, 'b.goal is [900.0, 0.0], outside the geofence'),
+        (6, 'b.goal is (900.0, 0.0), outside the geofence'),
         (8, 'duration is 60 s; a needs at least 88.5246 s'),
         (8, 'duration is 60 s; b needs at least 88.2296 s'),
         (10, 'separation is 20 m; it must be at most 2 m, the distance between the starts of a '
@@ -184,9 +184,9 @@ no_fly_zones: [{vertices: [[150, 0], [160, 0], [150, 10]]}]
 
 
 @pytest.mark.parametrize('path, value, start, end', [
-    ('eavesdroppers', {'a': [False]}, 'eavesdroppers is {a: [false]}',
+    ('eavesdroppers', {'a': [False]}, "eavesdroppers is {'a': [false]}",
      'a list of 1 to 32 eavesdropper'),
-    ('ground_node', math.inf, 'ground_node is .inf;', ' 1e+07 m'),
+    ('ground_node', math.inf, 'ground_node is inf;', ' 1e+07 m'),
     ('uavs/0/start_velocity', 5, 'uav1.start_velocity is 5; it must be null or', ' m/s'),
     ('uavs/0/propulsion', {'blade_power': -5}, 'uav1.propulsion.blade_power is -5', ' 1e+06 W'),
     ('geofence', 100, 'geofence is 100', ' in m'),
