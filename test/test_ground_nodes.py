@@ -8,7 +8,7 @@ import oracle
 import pytest
 from secure_uav_planner import (
     assess, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve, Uav, upper_bound)
-from secure_uav_planner.errors import OptionError, PlanError, ScenarioError
+from secure_uav_planner.errors import OptionError, PlanError
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
@@ -211,19 +211,6 @@ def test_missions_and_plans_keep_their_nodes_in_files(tmp_path):
     single = fly_hover_fly(Scenario.paper(102.0))
     single.save(tmp_path / 'plan.json')
     assert 'shares' not in json.loads((tmp_path / 'plan.json').read_text())
-
-
-@pytest.mark.parametrize('make, text', [
-    (lambda: GroundNode(), 'ground_node.position is None'),
-    (lambda: GroundNode((0, 0), weight=0.0), 'ground_node.weight is 0.0; .* from 0.001 to 1000'),
-    (lambda: replace(Scenario.paper(), ground_nodes=(GroundNode((0, 0)), GroundNode((1, 1)))),
-     r'ground_node is \(0.0, 0.0\); it must be left out where there are ground_nodes'),
-    (lambda: make_mission([(0, 0)] * 17), 'ground_nodes is .* a list of 1 to 16 GroundNode'),
-    (lambda: make_mission([GroundNode((0, 0), 'a'), GroundNode((1, 1), 'a')]), 'must be unique'),
-    (lambda: Scenario(ground_node=(0, 0)), 'lacks eavesdroppers, uavs, duration, slots')])
-def test_wrong_nodes_are_refused_by_name(make, text):
-    with pytest.raises(ScenarioError, match=text):
-        make()
 
 
 def test_wrong_shares_are_refused():

@@ -42,26 +42,6 @@ def calls(name):
                    {word.arg: ast.unparse(word.value) for word in entry.keywords})
 
 
-def executables(packaging):
-    """Return the names that `ros2 run` knows."""
-    return {Path(file).name for file in dict(packaging['data_files'])['lib/secure_uav_planner']}
-
-
-def test_it_starts_only_executables_that_are_installed(packaging):
-    started = {executable for executable, _ in calls('node')}
-    assert started == {'planner', 'replay', 'relay'} <= executables(packaging)
-
-
-def test_it_is_installed_with_the_files_that_its_arguments_name(packaging):
-    installed = dict(packaging['data_files'])
-    assert 'launch/secure_uav_planner.launch.py' in installed['share/secure_uav_planner/launch']
-    named = {entry.right.value for entry in ast.walk(TREE) if isinstance(entry, ast.BinOp)
-             and ast.unparse(entry.left) == 'CONFIG'}
-    assert named == {'planner.rviz'}
-    for name in named:
-        assert f'config/{name}' in installed['share/secure_uav_planner/config']
-
-
 def test_every_argument_has_a_default_and_a_description_and_is_used():
     arguments = dict(calls('DeclareLaunchArgument'))
     assert len(arguments) >= 6

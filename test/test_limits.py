@@ -11,7 +11,7 @@ from random_cities import random_city_mission
 from secure_uav_planner import fly_hover_fly, PlanningError, Scenario, solve
 from secure_uav_planner.errors import PlanError, ScenarioError
 from secure_uav_planner.model import limits
-from secure_uav_planner.model.limits import build_limits, LIMITS
+from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.base import Limit
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.model.problem import Problem
@@ -116,10 +116,6 @@ def test_a_retracted_plan_passes_the_checks_that_it_failed_before(scenario, seed
     assert broken
     for limit in limits:
         limit.validate(positions, powers)
-
-
-def test_every_limit_is_listed_once():
-    assert len(set(LIMITS)) == len(LIMITS)
 
 
 class LeastSpeed(Limit):

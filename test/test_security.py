@@ -8,10 +8,7 @@ import time
 from xml.etree import ElementTree
 
 import pytest
-from ros_client import Client, node_process, output_of, PATIENCE, refusal, wait_for
-from secure_uav_planner import Scenario
-from secure_uav_planner.mission.fields import find_range
-from secure_uav_planner.mission.scenario import MAX_MEMBERS
+from ros_client import Client, node_process, output_of, PATIENCE, wait_for
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
 NODES = ('planner', 'replay')
@@ -180,21 +177,3 @@ def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
     assert 'no new plan: duration' in output and 'is not used' in output  # it does speak
     for place in (GROUND, EVE):
         assert not given_away(place).findall(output), output
-
-
-@pytest.mark.parametrize('names', ['uavs', 'eavesdroppers'])
-def test_more_members_than_the_limit_are_refused_at_start(capfd, names):
-    many = '[' + ', '.join(f'n{index}' for index in range(MAX_MEMBERS + 1)) + ']'
-    line = refusal(capfd, 'planner', **{names: many})
-    assert names in line and f'1 to {MAX_MEMBERS}' in line
-
-
-def test_more_slots_than_the_limit_are_refused():
-    most = find_range(Scenario, 'slots').high
-    with Client() as client, node_process('planner'):
-        for slots in (most + 1, 2**40):
-            result, = client.set_parameters('planner', slots=slots)
-            assert not result.successful and 'slots' in result.reason
-        assert client.set_parameters('planner', slots=most)[0].successful
-    with pytest.raises(ValueError, match='slots'):
-        Scenario.paper(slots=most + 1)

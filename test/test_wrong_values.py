@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    assess, Bound, Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, Propulsion,
-    Scenario, shortest_duration, solve, Uav, upper_bound, World)
+    assess, Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Plan,
+    Propulsion, Scenario, shortest_duration, solve, Uav, upper_bound, World)
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.fields import Number
 from secure_uav_planner.mission.propagation import reference_snr_db
@@ -50,6 +50,12 @@ def accelerate(*limits):
     """Return the UAVs of the paper with limits of acceleration."""
     return tuple(replace(uav, max_acceleration=limit)
                  for uav, limit in zip(PAPER.uavs, limits, strict=True))
+
+
+def serve(names):
+    """Return the paper's mission with ground nodes of such names."""
+    return replace(PAPER, ground_node=None, ground_nodes=tuple(
+        GroundNode((index, 0), name) for index, name in enumerate(names)))
 
 
 def read_mission(**changes):
@@ -122,6 +128,13 @@ MISSIONS = [
      'uavs[1].start', 'outside the geofence with the tracking_margin of 10.1 m'),
     (make_team, {'tracking_margin': 64.6, 'no_fly_zones': ()}, 'tracking_margin',
      '64.6 m, which leaves'),
+    (GroundNode, {}, 'position', 'ground_node.position is None'),
+    (GroundNode((0, 0)), {'weight': 0.0}, 'weight', 'a number from 0.001 to 1000'),
+    (PAPER, {'ground_nodes': (GroundNode((0, 0)), GroundNode((1, 1)))}, 'ground_node',
+     'must be left out where there are ground_nodes'),
+    (serve, {'names': 'abcdefghijklmnopq'}, 'ground_nodes', 'a list of 1 to 16 GroundNode'),
+    (serve, {'names': 'aa'}, 'ground_nodes[1].name', 'must be unique'),
+    (Scenario, {'ground_node': (0, 0)}, '', 'lacks eavesdroppers, uavs, duration, slots'),
     (Eavesdropper, {}, 'position', 'is None; it must be two coordinates (x, y) in m, or'),
     (CAR, {'error_radius': 60.0}, 'error_radius', 'left out, or that of the track'),
     (CAR, {'position': (0, 0)}, 'position', 'left out, or that of the track'),
