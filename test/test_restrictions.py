@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.optimize.alternating.restrictions import PowerProblem, TrajectoryProblem
+from secure_uav_planner.optimize.alternating import PowerProblem, TrajectoryProblem
 from strategies import random_powers, scenarios, with_uavs
 
 

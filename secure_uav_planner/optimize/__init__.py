@@ -7,7 +7,7 @@ The optimisation: methods and baselines, from a scenario to a plan.
 | multistart, refinement from coarse to fine grids | `joint/multistart.py`, `joint/starts.py` |
 | prices on energy (Lagrangian relaxation), by warm starts | `joint/energy.py` |
 | exchange of constraints (semi-infinite programming) | `joint/exchange.py` |
-| alternating successive convex approximation, the paper's | `alternating/` |
+| alternating successive convex approximation, the paper's | `alternating.py` |
 | projection by sequential convex programming | `initial/projection.py` |
 | shortest paths in a visibility graph | `model/airspace.py` |
 

@@ -17,11 +17,11 @@ from ..plan.plan import Plan, Status
 
 __all__ = ['METHODS', 'Method', 'Power', 'check_objective', 'fly_hover_fly', 'solve']
 
-MAX_GAINS = 500_000
+MAX_GAINS = 50_000
 """
 The most slots * uavs * eavesdroppers of the alternating method.
 
-A deadline cannot interrupt CVXPY while it compiles a problem, which takes about a second then.
+A deadline cannot interrupt CVXPY while it compiles a problem, which takes up to two seconds then.
 """
 
 _PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
