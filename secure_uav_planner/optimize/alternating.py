@@ -9,7 +9,7 @@ then bounds from below.
 
 import logging
 import math
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 import warnings
 
 import cvxpy as cp
@@ -37,16 +37,19 @@ Without it, as in the paper, solves take 3.6 times as long and end lower.
 
 _LOG = logging.getLogger(__name__)
 
+_Problem: TypeAlias = 'PowerProblem | TrajectoryProblem'
 _Bound = tuple[Any, list[Any]]  # A CVXPY expression, and the constraints that make it a bound.
 
 
 def alternate(incumbent: Incumbent) -> Status:
     """Improve an incumbent by the paper's algorithm until a round gains less than TOLERANCE."""
-    powers, trajectory = PowerProblem(incumbent.scenario), TrajectoryProblem(incumbent.scenario)
+    scenario = incumbent.scenario
+    problems: list[_Problem] = [
+        *[PowerProblem(scenario)] * POWER_STEPS, TrajectoryProblem(scenario)]
     for _ in range(MAX_ROUNDS):
         before = incumbent.rate
         solved = True
-        for problem in (*[powers] * POWER_STEPS, trajectory):
+        for problem in problems:
             incumbent.deadline.check()
             solved &= _step(incumbent, problem)
         if incumbent.rate - before < TOLERANCE:
@@ -55,7 +58,7 @@ def alternate(incumbent: Incumbent) -> Status:
     return 'iteration_limit'
 
 
-def _step(incumbent: Incumbent, problem: 'PowerProblem | TrajectoryProblem') -> bool:
+def _step(incumbent: Incumbent, problem: '_Problem') -> bool:
     """Solve a restriction at the present iterate; return True if the solver succeeded."""
     local = getattr(incumbent, problem.block)
     answer, seconds = problem.solve(
