@@ -30,7 +30,7 @@ import numpy as np
 
 from .reachable_set import Team
 from .relaxation import margin
-from .terms import Index, Potential, Terms
+from .terms import Index, Potential, Terms, TOLERANCE
 from ...mission.validation import Array
 
 FLOOR = 1e-6
@@ -109,7 +109,6 @@ class Multipliers:
         at most w0.
     :param silent_incumbents: values near the maxima of the terms in silence, (U, G) in nats.
     :param incumbents: the same at the breakpoints, (U, K, G).
-    :param tolerances: of the maxima, in silence and at every breakpoint, (K + 1, G) in nats.
     """
 
     slope: Array
@@ -120,7 +119,6 @@ class Multipliers:
     v: Array
     silent_incumbents: Array
     incumbents: Array
-    tolerances: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,15 +160,12 @@ def certify(team: Team, multipliers: Multipliers,
     v = np.maximum(multipliers.v, 0.0)
     total = v.sum(-1, keepdims=True)
     v = v * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
-    # The jammer's silence is part of all of its maxima, the transmitter's only of one.
-    tolerances = multipliers.tolerances
-    silent = [bound_silence(potential, incumbents, tolerances.min(0) if i else tolerances[0], stop)
-              for i, (potential, incumbents) in enumerate(zip(
-                  potentials, multipliers.silent_incumbents))]
+    silent = [bound_silence(potential, incumbents, stop) for potential, incumbents in zip(
+        potentials, multipliers.silent_incumbents)]
     group = np.tile(np.arange(weights.shape[1]), len(weights))
     joint = np.sum([bound_terms(
         team, potential, i, silent[i], group, weights.ravel(), v.reshape(-1, v.shape[2]),
-        prices[i], multipliers.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
+        prices[i], multipliers.incumbents[i].ravel(), stop)
         for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
     total_silent = np.sum(silent, axis=0)
     pieces = bound_pieces(team, total_silent, joint, weights, v, prices[0])
@@ -187,8 +182,7 @@ def certify(team: Team, multipliers: Multipliers,
                        prices)
 
 
-def bound_silence(potential: Potential, incumbents: Array, tolerance: Array,
-                  stop: Callable[[], bool]) -> Array:
+def bound_silence(potential: Potential, incumbents: Array, stop: Callable[[], bool]) -> Array:
     """Return a bound of a silent UAV's term, its potential, (G,) in nats."""
     region = potential.region
     slope, curvature = potential.change
@@ -200,7 +194,7 @@ def bound_silence(potential: Potential, incumbents: Array, tolerance: Array,
     none = np.zeros(len(slope))
     terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, curvature,
                   potential.speed_cost(), spare)
-    return np.asarray(terms.bound_maxima(incumbents - extra, tolerance, stop=stop) + extra)
+    return np.asarray(terms.bound_maxima(incumbents - extra, stop) + extra)
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:
@@ -229,7 +223,7 @@ def build_terms(team: Team, potential: Potential, uav: int, group: Index, weight
 
 
 def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group: Index,
-                weights: Array, v: Array, price: float, incumbents: Array, tolerance: Array,
+                weights: Array, v: Array, price: float, incumbents: Array,
                 stop: Callable[[], bool]) -> Array:
     """
     Return bounds of M_i at (w0, v) in given groups, (M,).
@@ -241,9 +235,8 @@ def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group
     least = np.full(len(terms), -np.inf)
     if uav:
         least = silent[group] + math.log1p(FLOOR) * terms.v.sum(-1) + terms.margin[group]
-    incumbents = np.maximum(incumbents, least - tolerance) - extra
-    return np.asarray(np.maximum(
-        terms.bound_maxima(incumbents, tolerance, stop=stop) + extra, least))
+    incumbents = np.maximum(incumbents, least - TOLERANCE) - extra
+    return np.asarray(np.maximum(terms.bound_maxima(incumbents, stop) + extra, least))
 
 
 def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
@@ -258,7 +251,8 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Arr
     :param price: lam of the transmitter.
     """
     zero = np.zeros((1, len(silent)))
-    x = piece_ends()[:, None, None]
+    x = np.linspace(0.0, 1.0, PIECES + 1)[:, None, None]
+    x = x * x * (3 - 2 * x)
     fine, linear, *totals = (
         part[:-1] * (1 - x) + part[1:] * x for part in (
             np.concatenate([zero, weights]), np.concatenate([silent[None], joint]),
@@ -271,9 +265,3 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Arr
     value = convex[:-1] + slope * (at - fine[:-1]) + entropy(at)
     narrow = np.maximum(convex[1:], convex[:-1]) + entropy(np.clip(0.5, fine[:-1], fine[1:]))
     return np.asarray(np.where(width > 1e-9, np.minimum(value, narrow), narrow))
-
-
-def piece_ends() -> Array:
-    """Return the ends of the pieces between two breakpoints, from 0 to 1, (PIECES + 1,)."""
-    x = np.linspace(0.0, 1.0, PIECES + 1)
-    return np.asarray(x * x * (3 - 2 * x))

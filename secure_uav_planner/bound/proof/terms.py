@@ -24,6 +24,9 @@ Index = NDArray[np.intp]
 BUDGET = 20000
 """Boxes for one function; what is left then counts with the bound it has."""
 
+TOLERANCE = 2e-4
+"""Tolerance of every maximum, in nats."""
+
 
 @dataclass(frozen=True, eq=False)
 class Potential:
@@ -198,20 +201,19 @@ class Terms:
     def __len__(self) -> int:
         return len(self.group)
 
-    def bound_maxima(self, incumbents: Array, tolerance: Array, budget: float = BUDGET,
-                     stop: Callable[[], bool] = lambda: False) -> Array:
+    def bound_maxima(self, incumbents: Array, stop: Callable[[], bool] = lambda: False,
+                     budget: float = BUDGET) -> Array:
         """
         Return upper bounds of the functions' maxima, (M,) in nats.
 
         A box is dropped when it misses one of the reachable set's discs or when its bound is below
-        the incumbent plus the tolerance: if none is left, the maximum is not above that.
+        the incumbent plus TOLERANCE: if none is left, the maximum is not above that.
 
         :param incumbents: values near the maxima, (M,); any are valid.
-        :param tolerance: of the bounds, (M,) in nats.
-        :param budget: boxes for each function.
         :param stop: asked before every group; True leaves the rest with their first boxes' bounds.
+        :param budget: boxes for each function.
         """
-        bounds, tolerance = np.array(incumbents, float), np.array(tolerance, float)
+        bounds, tolerance = np.array(incumbents, float), np.full(len(self), TOLERANCE)
         # The functions of a group share their boxes.
         order = np.argsort(self.group, kind='stable')
         for functions in np.split(order, np.flatnonzero(np.diff(self.group[order])) + 1):

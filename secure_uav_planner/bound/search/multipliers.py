@@ -16,7 +16,7 @@ import numpy as np
 from .columns import ColumnPool, Columns, pack_columns
 from .dual import Dual
 from .variables import DualPoint, InitialMultipliers, PotentialLayout
-from ..proof.certificate import bound_pieces, entropy, maximise_power, Multipliers, piece_ends
+from ..proof.certificate import entropy, maximise_power, Multipliers
 from ..proof.reachable_set import Team
 from ..proof.terms import Potential
 from ...mission.validation import Array
@@ -29,14 +29,8 @@ MAX_DAMPING = 1e4
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate; the w0 of the search is added to them."""
 
-SLACK = 0.5
-"""Share of the slack of a maximum that its branch and bound may use."""
-
 SWEEP_COLUMNS, SWEEPS = 60, (2, 5)
 """Columns that join before each sweep of v, and sweeps with one eavesdropper and with more."""
-
-TOLERANCE = 2e-4
-"""Tolerance of every maximum, in nats."""
 
 
 class MultiplierSearch:
@@ -134,7 +128,7 @@ class MultiplierSearch:
 
 def build_multipliers(search: MultiplierSearch) -> Multipliers:
     """Return the multipliers of the certificate, with breakpoints of w0 in every group."""
-    team, point, uavs = search.team, search.point, range(len(search.team.regions))
+    point, uavs = search.point, range(len(search.team.regions))
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)
     columns = [pool.recent for pool in search.pools]
@@ -144,36 +138,15 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
     incumbents = np.array([terms for _, terms in minima]).swapaxes(0, 1) + constant[:, None]
     silent_incumbents = constant + [
         search.evaluate(i, search.pools[i].silent).max(1) for i in uavs]
-    slacks = _find_slacks(team, silent_incumbents.sum(0), incumbents.sum(0), weights, v,
-                          point.prices[0])
     return Multipliers(
         *point.layout.split(point.potentials.transpose(1, 0, 2)), point.prices, weights, v,
-        silent_incumbents, incumbents, TOLERANCE + SLACK / len(uavs) * slacks)
+        silent_incumbents, incumbents)
 
 
 def _potential_constant(search: MultiplierSearch, uav: int) -> Array:
     """Return the part of a UAV's potential that its columns' values leave out, (G,)."""
     potential = search.potential(uav)
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
-
-
-def _find_slacks(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
-                 price: float) -> Array:
-    """
-    Return the rise of silence and of every breakpoint that leaves B as it is, (K + 1, G) in nats.
-
-    :param silent: estimate of all terms where nothing is sent, (G,).
-    :param joint: estimate of all terms at the breakpoints, (K, G).
-    """
-    value = bound_pieces(team, silent, joint, weights, v, price)
-    best = np.maximum(silent, value.max((0, 1)))
-    slacks = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
-    # A breakpoint lifts the pieces on both sides, in proportion to how near they are.
-    x = piece_ends()[:, None, None]
-    for breakpoints, share in ((slice(-1), 1 - x[:-1]), (slice(1, None), x[1:])):
-        slack = ((best - value) / np.maximum(share, 1e-9)).min(0)
-        slacks[breakpoints] = np.minimum(slacks[breakpoints], slack)
-    return slacks
 
 
 def _slot_constant(team: Team, price: float, weight: Array, v: Array) -> Array:
