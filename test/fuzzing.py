@@ -75,7 +75,7 @@ class Target:
         self.client, self.node, self.process = client, node, process
         self.counts = Counter()
 
-    def send(self, topic, message, stamp, qos=None):
+    def send(self, topic, message, stamp, qos=10):
         if not isinstance(stamp, Time):
             now = self.client.node.get_clock().now().nanoseconds + round(stamp * 1e9)
             stamp = Time(sec=now // 10**9, nanosec=now % 10**9)
@@ -88,8 +88,7 @@ class Target:
 
     def ask(self, service, *kind_and_request):
         self.check_alive()
-        answer = self.client.call(f'{self.node}/{service}', *kind_and_request,
-                                  lost=lambda: self.process.poll() is not None)
+        answer = self.client.call(f'{self.node}/{service}', *kind_and_request)
         self.check_alive()
         return answer
 

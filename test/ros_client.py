@@ -16,21 +16,17 @@ import sys
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 from processes import environment, ROOT
 import pytest
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
-from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile
 from rclpy.time import Time
-from secure_uav_planner.ros.client import make_clients
+from secure_uav_planner.ros.client import make_clients, SecurePlanner
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.process import run_node, spin
 from secure_uav_planner.ros.topics import LATCHED
@@ -42,8 +38,6 @@ DEFAULTS = {name: spec.default for specs in (
     eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()} | {
         'tracks': {}}
 PATIENCE = 120.0
-ASK_AGAIN = 5.0  # s without an answer
-IDLE = 60  # s without a solve; the planner is idle while it still evaluates a plan, too
 RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.
 
@@ -239,60 +233,46 @@ def memory(process):
 
 class Client:
     """
-    A node of its own context, spun in the background.
+    A SecurePlanner, and what tests need besides: any topic, any service, poses of any kind.
 
     Poses that it has sent with the time of now are sent again every few seconds, as a real
     localisation would, so that they are not too old when a busy machine processes them. That ends
     when a node ends that was running when they were sent.
+
+    :ivar statuses: of the planner, the newest last.
     """
 
-    def __init__(self, name='tester', namespace='', **options):
-        self.context = Context()
-        rclpy.init(context=self.context, args=[])
-        self.node = Node(name, context=self.context, namespace=namespace, **options)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self._publishers = {}
-        self._services = {}
-        self._parameters = {}
-        self._statuses = {}
-        self._states = {}
-        self._poses = {}
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-        _clients.append(self)
-
-    def _spin(self):
-        sent = time.monotonic()
-        while not self._stop.is_set():
-            self._executor.spin_once(timeout_sec=0.05)
-            if time.monotonic() - sent > RESEND:
-                sent = time.monotonic()
-                for publish, receivers in list(self._poses.values()):
-                    if all(process.poll() is None for process in receivers):
-                        publish()
-
-    def close(self):
-        _clients.remove(self)
-        self._stop.set()
-        self._thread.join()
-        self._executor.shutdown(timeout_sec=0)
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+    def __init__(self, namespace=''):
+        self.statuses = []
+        self._planner = SecurePlanner(namespace=namespace, on_status=self.statuses.append)
+        self._publishers, self._services, self._poses = {}, {}, {}
 
     def __enter__(self):
+        self.node = self._planner.__enter__().node
+        self.node.create_timer(RESEND, self._resend)
+        _clients.append(self)
         return self
 
     def __exit__(self, *_):
-        self.close()
+        _clients.remove(self)
+        self._planner.__exit__()
+
+    @property
+    def status(self):
+        """Return the values of the planner's last status by key."""
+        return self._planner.status
+
+    def _resend(self):
+        for publish, receivers in list(self._poses.values()):
+            if all(process.poll() is None for process in receivers):
+                publish()
 
     # Topics
 
     def listen(self, kind, topic, qos=LATCHED):
         """Return a list that grows with the messages of a topic."""
         messages = []
-        self.node.create_subscription(kind, topic, messages.append, qos)
+        self._planner.receive(kind, topic, messages.append, qos)
         return messages
 
     def follow(self, now=time.time, late=0.0):
@@ -302,17 +282,15 @@ class Client:
         :param now: returns the time in s.
         :param late: s by which it flies later than the stamps.
         """
-        statuses = self.listen(DiagnosticStatus, 'planner/status')
         reports = self.node.create_publisher(TimeReference, 'plan_time', 10)
         flown = []  # The plan in flight, or the first: its stamp and its identity.
 
         def report():
-            clock = now()
-            for values in map(values_of, statuses[-1:]):
-                if 'plan.identity' in values:
-                    newest = float(values['plan.stamp']), values['plan.identity']
-                    if not flown or newest[0] <= clock:
-                        flown[:] = newest
+            clock, values = now(), self.status
+            if 'plan.identity' in values:
+                newest = float(values['plan.stamp']), values['plan.identity']
+                if not flown or newest[0] <= clock:
+                    flown[:] = newest
             if flown:
                 message = TimeReference(source=f'{flown[1]} /tester',
                                         time_ref=stamp_at(max(clock - late, flown[0])))
@@ -320,20 +298,18 @@ class Client:
                 reports.publish(message)
         self.node.create_timer(0.05, report)
 
-    def publisher(self, kind, topic, qos=None):
+    def publisher(self, kind, topic, qos=10):
         """Return the publisher of a topic, once it has a subscriber."""
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(
-                kind, topic, qos or QoSProfile(depth=10))
+            self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
         publisher = self._publishers[topic]
         wait_for(publisher.get_subscription_count, what=f'a subscriber of {topic}')
         return publisher
 
-    def send_pose(self, topic, x, y, frame_id='map', stamp=None, qos=None, until_known=True):
+    def send_pose(self, topic, x, y, frame_id='map', stamp=None, qos=10, until_known=True):
         """Send a pose; if until_known, repeat until the planner has received one on this topic."""
-        def message():
-            return pose_message(PoseStamped, x, y, 0, frame_id, stamp or self.now())
-        self._send(self.publisher(PoseStamped, topic, qos), topic, message, stamp, until_known)
+        self._send(topic, lambda: pose_message(
+            PoseStamped, x, y, 0, frame_id, stamp or self.now()), stamp, until_known, qos)
 
     def send_estimate(self, topic, x, y, frame_id='map', stamp=None, variance=0.0,
                       until_known=True):
@@ -341,13 +317,18 @@ class Client:
         def message():
             estimate = pose_message(
                 PoseWithCovarianceStamped, x, y, 0, frame_id, stamp or self.now())
-            estimate.pose.covariance[0] = estimate.pose.covariance[7] = float(variance)
+            set_variance(estimate.pose.covariance, variance)
             return estimate
-        self._send(
-            self.publisher(PoseWithCovarianceStamped, topic), topic, message, stamp, until_known)
+        self._send(topic, message, stamp, until_known)
 
-    def _send(self, publisher, topic, message, stamp, until_known):
-        status = self.status_of('planner')
+    def _send(self, topic, message, stamp, until_known, qos=10):
+        made = message()
+        publisher = self.publisher(type(made), topic, qos)
+        # Not while this pose is on its way, and never again if it has a stamp of its own.
+        self._poses.pop(topic, None)
+        publisher.publish(made)
+        if not until_known:
+            return
 
         def publish():
             publisher.publish(message())
@@ -355,13 +336,9 @@ class Client:
         def is_known():
             publish()
             time.sleep(0.1)
-            return not until_known or (status and values_of(status[-1]).get(
-                f'pose_age.{topic}', 'none') != 'none')
-
-        # Not while this pose is on its way, and never again if it has a stamp of its own.
-        self._poses.pop(topic, None)
+            return self.status.get(f'pose_age.{topic}', 'none') != 'none'
         wait_for(is_known, what=f'the pose of {topic}')
-        if until_known and stamp is None:
+        if stamp is None:
             self._poses[topic] = publish, _running()
 
     def now(self):
@@ -379,119 +356,44 @@ class Client:
         assert answer.success, answer.message
         return answer
 
-    def status_of(self, node):
-        """Return the list of a planner's status messages, which grows."""
-        if node not in self._statuses:
-            self._statuses[node] = self.listen(DiagnosticStatus, f'{node}/status')
-        return self._statuses[node]
-
     # Services
 
     def ask(self, service, kind=Trigger, request=None):
-        """Return the future of a service's answer."""
-        client = self._service(service, kind)
+        """Return the future of a service's answer, which is asked for once the node is there."""
+        if service not in self._services:
+            self._services[service] = make_clients(self.node, kind, service)
+        client, later = self._services[service]
+        answers = []
+        # Each time, since the node may have been started again.
+        self._planner.wait_until(
+            lambda: any(answer.done() for answer in answers), f'the service {service}',
+            lambda: answers.append(later.call_async(GetParameters.Request())), PATIENCE)
         return client.call_async(request or kind.Request())
 
-    def call(self, service, kind=Trigger, request=None, patience=PATIENCE, lost=None):
-        """
-        Return the answer of a service, asked again when none comes for some seconds.
-
-        `~/plan` is asked again only when the planner has reported for a long time that it solves
-        nothing, so that the answer must have been lost. Asked earlier, the planner would refuse,
-        or plan twice.
-
-        :param lost: returns whether there is no hope of an answer; then None is returned.
-        """
-        node, _, name = service.rpartition('/')
-        states = self._states_of(node) if name == 'plan' else None
-        futures, asked, since = [], [], 0
-
-        def is_due():
-            nonlocal since
-            if asked and time.monotonic() - asked[-1] < ASK_AGAIN:
-                since = len(states or ())
-                return False
-            return not asked or states is None or states[since:][-IDLE:] == IDLE * ['idle']
-
-        def answered():
-            if is_due():
-                futures.append(self.ask(service, kind, request))
-                asked.append(time.monotonic())
-            done = next((future for future in futures if future.done()), None)
-            return done or (lost is not None and lost())
-
-        answer = wait_for(answered, patience, f'the answer of {service}')
-        return None if answer is True else answer.result()
-
-    def _states_of(self, node):
-        """Return a list that grows each second with the state of a planner."""
-        if node not in self._states:
-            self._states[node] = []
-
-            def take(message):
-                # A name such as 'fleet/planner', or 'planner: plan'.
-                self._states[node] += [
-                    values_of(status)['state'] for status in message.status
-                    if status.name.partition(':')[0].endswith(node.strip('/'))]
-            self.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
-        return self._states[node]
-
-    def _service(self, service, kind):
-        if service not in self._services:
-            client, later = make_clients(self.node, kind, service)
-            self._answer(lambda: later.call_async(GetParameters.Request()),
-                         f'the service {service}', again=0.2)
-            self._services[service] = client
-        client = self._services[service]
-        wait_for(client.service_is_ready, what=f'the service {service}')
-        return client
-
-    def forget_services(self, node):
-        """Discover the services of a node anew, which has been started again."""
-        for service in [name for name in self._services if name.startswith(f'{node}/')]:
-            del self._services[service]
-
-    def _answer(self, ask, what, again=ASK_AGAIN):
-        """Return the first answer to a request that is repeated after some s."""
-        futures, asked = [], []
-
-        def answer():
-            if not asked or time.monotonic() - asked[-1] > again:
-                futures.append(ask())
-                asked.append(time.monotonic())
-            return next((future for future in futures if future.done()), None)
-
-        return wait_for(answer, what=f'the answer of {what}').result()
+    def call(self, service, kind=Trigger, request=None):
+        """Return the answer of a service."""
+        answer = self.ask(service, kind, request)
+        wait_for(answer.done, what=f'the answer of {service}')
+        return answer.result()
 
     # Parameters
 
-    def _parameter_client(self, node):
-        client = self._parameters.get(node)
-        if client is None:
-            client = self._parameters[node] = AsyncParameterClient(self.node, node)
-        wait_for(client.services_are_ready, what=f'the parameters of {node}')
-        return client
-
     def set_parameters(self, node, **values):
         """Return the results of setting parameters of a node."""
-        client = self._parameter_client(node)
-        parameters = [rclpy.Parameter(name.replace('__', '.'), value=value)
+        parameters = [rclpy.Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                       for name, value in values.items()]
-        return self._answer(lambda: client.set_parameters(parameters),
-                            f'{node}/set_parameters').results
+        return self.call(f'{node}/set_parameters', SetParameters,
+                         SetParameters.Request(parameters=parameters)).results
 
     def get_parameters(self, node, *names):
         """Return the values of parameters of a node."""
-        client = self._parameter_client(node)
-        answer = self._answer(lambda: client.get_parameters(list(names)),
-                              f'{node}/get_parameters')
+        answer = self.call(f'{node}/get_parameters', GetParameters,
+                           GetParameters.Request(names=names))
         return [rclpy.parameter.parameter_value_to_python(value) for value in answer.values]
 
     def all_parameters(self, node):
         """Return the values of all parameters of a node by name."""
-        client = self._parameter_client(node)
-        names = self._answer(lambda: client.list_parameters([], 0),
-                             f'{node}/list_parameters').result.names
+        names = self.call(f'{node}/list_parameters', ListParameters).result.names
         return dict(zip(names, self.get_parameters(node, *names)))
 
 
@@ -517,6 +419,22 @@ def pose_message(kind, x, y, z=0, frame_id='map', stamp=None):
     pose = getattr(message.pose, 'pose', message.pose)
     pose.position.x, pose.position.y, pose.position.z = float(x), float(y), float(z)
     pose.orientation.w = 1.0
+    return message
+
+
+def set_variance(covariance, variance):
+    """Set the variances of x and y in the 36 values of a covariance."""
+    covariance[0] = covariance[7] = float(variance)
+
+
+def odometry_message(x, y, velocity=(0.0, 0.0), frame_id='map', child_frame_id='map', stamp=None,
+                     variance=0.0, velocity_variance=0.0):
+    """Return odometry at 100 m with round covariances, its velocity in the frame of the child."""
+    message = pose_message(Odometry, x, y, 100, frame_id, stamp)
+    message.child_frame_id = child_frame_id
+    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, velocity)
+    set_variance(message.pose.covariance, variance)
+    set_variance(message.twist.covariance, velocity_variance)
     return message
 
 

@@ -59,12 +59,12 @@ def until_solving(client, **parameters):
 def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file):
     with node_process('planner', plan_file=file, **SHORT) as process:
         client.plan_paper()
-        with Client('before') as before:
+        with Client() as before:
             first = whole(before)
         until_solving(client)
         assert stopped(process, signal.SIGKILL) == -signal.SIGKILL
     assert Plan.load(file).scenario.slots == 30
-    with node_process('planner', plan_file=file, **SHORT) as process, Client('after') as after:
+    with node_process('planner', plan_file=file, **SHORT) as process, Client() as after:
         again = whole(after)
         for topic in first:
             if topic != 'planner/status':
@@ -82,7 +82,7 @@ def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, 
     with node_here('planner', plan_file=folder / 'plan.json', **SHORT) as process:
         folder.rmdir()
         client.plan_paper()
-        with Client('latecomer') as late:
+        with Client() as late:
             assert len(whole(late)['uav1/path'].poses) == 32
         [line] = [line for line in process.lines if '[ERROR]' in line]
         assert f"No such file or directory: '{folder}/plan.json'; the plan is published" in line
@@ -105,7 +105,7 @@ def test_replay_flies_on_when_the_planner_is_killed(client):
         assert replay.poll() is None
         # The plan of a new planner is received. A new client asks for it, because the old one
         # still waits for the killed planner.
-        with node_process('planner', **SHORT), Client('after') as after:
+        with node_process('planner', **SHORT), Client() as after:
             after.send_paper()
             got = sum('got a plan' in line for line in replay.lines)
             assert after.call('planner/plan').success
@@ -116,7 +116,7 @@ def test_a_subscriber_in_the_middle_of_a_solve_receives_the_whole_last_plan(clie
     with node_process('planner', **SHORT):
         client.plan_paper()
         solving = until_solving(client)
-        with Client('latecomer') as late:
+        with Client() as late:
             got = whole(late)
         assert not solving.done()
         for topic, kind in KINDS.items():

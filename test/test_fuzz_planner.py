@@ -91,7 +91,7 @@ class Planner(Target):
         self.status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
         self.checked = Counter()
 
-    def send(self, topic, message, stamp, qos=None):
+    def send(self, topic, message, stamp, qos=10):
         name = topic.split('/')[0]
         if name in self.starts:
             pose = getattr(message.pose, 'pose', message.pose)
@@ -197,7 +197,7 @@ class Planner(Target):
 
     def check_last_plan_is_kept(self):
         """Check that a new subscriber receives one whole plan, the one of the status."""
-        with Client('latecomer') as late:
+        with Client() as late:
             paths = [late.listen(Path, f'{name}/path') for name in UAVS]
             powers = [late.listen(Float64MultiArray, f'{name}/power') for name in UAVS]
             status = late.listen(DiagnosticStatus, 'planner/status')

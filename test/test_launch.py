@@ -66,7 +66,7 @@ def launched(folder, *arguments):
 def test_it_starts_the_nodes_in_a_namespace_and_ends_with_them(tmp_path):
     process = launched(tmp_path, 'namespace:=fleet')
     try:
-        with Client('member', namespace='/fleet') as member:
+        with Client(namespace='/fleet') as member:
             assert member.call('replay/reset', Trigger).success
             answer = member.call('planner/plan')
             assert not answer.success and 'ground_node/pose' in answer.message

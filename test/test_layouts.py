@@ -39,12 +39,11 @@ def flown():
     with Client() as client, node_process('planner', duration=120.0, slots=20), node_process(
             'replay', true_eavesdropper='[200.0, 0.0]') as replay:
         received = {topic: client.listen(kind, topic, 10) for topic, kind in STREAMS.items()}
-        status = client.status_of('planner')
         client.send_paper()
         assert client.call('planner/plan').success
         wait_for_line(replay, 'got a plan')
         assert client.call('replay/start').success
-        wait_for(lambda: status and values_of(status[-1]).get('track.rate', 'none') != 'none',
+        wait_for(lambda: client.status.get('track.rate', 'none') != 'none',
                  what='the rate achieved so far')
 
         def named():
@@ -52,7 +51,7 @@ def flown():
                     for name, _ in series_of(topic, message)}
         wait_for(lambda: any(name.endswith('track.rate') for name in named()))
         wait_for(lambda: all(received.values()))
-        yield named(), values_of(status[-1])
+        yield named(), client.status
 
 
 def test_plotjuggler_finds_all_its_series(flown):

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from ros_client import node_here, values_of, wait_for
+from ros_client import node_here, wait_for
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Propulsion, Scenario, shortest_duration, solve,
     Uav, upper_bound)
@@ -191,9 +191,8 @@ def test_a_mission_with_a_battery_is_planned_again_in_flight_with_what_is_left(c
         wait_for(lambda: all(paths + powers))
         client.send_estimate('eavesdropper/pose', 170, 30)
         wait_for(lambda: all(len(got) == 2 for got in paths + powers), what='the new plan')
-        status = client.status_of('planner')
-        wait_for(lambda: values_of(status[-1])['replans'] == '1')
-        told = float(values_of(status[-1])['plan.energy.uav1'])
+        wait_for(lambda: client.status['replans'] == '1')
+        told = float(client.status['plan.energy.uav1'])
         [result] = client.set_parameters('planner', uav2__max_acceleration=0.0)
         assert not result.successful and 'uav2.max_energy is 20000' in result.reason
     old, new = (plan_of(scenario, paths, powers, index) for index in (0, 1))

@@ -12,8 +12,8 @@ EAST = {'/north': 0.0, '/south': 1000.0}  # m, of the whole mission
 @pytest.fixture
 def teams():
     """Yield a client in each of two namespaces, in which planners run."""
-    with Client('north', namespace='/north') as north, Client(
-            'south', namespace='/south') as south:
+    with Client(namespace='/north') as north, Client(
+            namespace='/south') as south:
         clients = {'/north': north, '/south': south}
 
         def planner(team):

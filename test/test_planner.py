@@ -179,7 +179,7 @@ def test_at_the_deadline_the_best_plan_so_far_is_published(client):
 def test_names_follow_the_namespace_and_the_lists_of_names(client):
     with node_process('planner', namespace='/fleet', uavs='[tx, left, right]',
                       eavesdroppers='[eve, mallory]', duration=120.0, slots=30):
-        with Client('member', namespace='/fleet') as member:
+        with Client(namespace='/fleet') as member:
             paths = [member.listen(Path, f'{name}/path') for name in ('tx', 'left', 'right')]
             markers = member.listen(MarkerArray, 'planner/markers')
             member.send_pose('ground_node/pose', 0, 0)
@@ -195,7 +195,7 @@ def test_names_follow_the_namespace_and_the_lists_of_names(client):
 
 def test_a_pose_that_is_too_old_is_a_warning_and_not_the_level_of_a_node_that_has_stopped(client):
     with node_process('planner', namespace='/fleet', pose_timeout=0.5):
-        with Client('member', namespace='/fleet') as member:
+        with Client(namespace='/fleet') as member:
             received = member.listen(DiagnosticArray, '/diagnostics', 10)
             member.send_paper(stamp=Time(sec=int(time.time()) - 60))
             wait_for(lambda: received and 'pose_timeout' in received[-1].status[0].message)

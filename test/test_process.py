@@ -137,7 +137,7 @@ def test_a_service_that_fails_answers_with_the_reason():
 
         for name, action in (('start', fail), ('plan', fail_later)):
             serve(client.node, {f'~/{name}': action}, client.node.default_callback_group)
-            answer = client.call(f'tester/{name}')
+            answer = client.call(f'client/{name}')
             assert (answer.success, answer.message) == (False, 'ValueError: too bad')
 
 

@@ -312,10 +312,9 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
     with node_process('relay', stack='px4', vehicles='[px4_1, px4_2]',
                       uav1__origin='[90.0, 480.0, 5.0]'), \
             node_process('planner', duration=150.0, slots=30, uav2__origin='[0.0, 490.0, 0.0]'):
-        status = client.status_of('planner')
         there = reported(
             client, kind, 'px4_1/fmu/out/vehicle_odometry', fill, odometry,
-            lambda: status and values_of(status[-1]).get('pose_age.uav1/odom', 'none') != 'none')
+            lambda: client.status.get('pose_age.uav1/odom', 'none') != 'none')
         assert numbers(there.pose.pose.position) == [87.0, 484.0, 25.0]
         assert numbers(there.pose.pose.orientation) == pytest.approx([0.0, 0.0, 0.0])
         assert numbers(there.twist.twist.linear) == pytest.approx([2.0, 0.0, 0.0])

@@ -6,7 +6,7 @@ import math
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
-from ros_client import seconds, values_of, wait_for
+from ros_client import seconds, wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve, Uav
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
@@ -124,7 +124,6 @@ def test_the_planner_plans_the_shortest_flight(client, planner):
     wait_for(lambda: paths, what='the plan')
     first, second = (seconds(pose.header.stamp) for pose in paths[-1].poses[:2])
     duration = (second - first) * (len(paths[-1].poses) - 2)
-    status = client.status_of('planner')
-    wait_for(lambda: status and 'plan.worst_case_rate' in values_of(status[-1]))
-    rate = float(values_of(status[-1])['plan.worst_case_rate'])
+    wait_for(lambda: 'plan.worst_case_rate' in client.status)
+    rate = float(client.status['plan.worst_case_rate'])
     assert 249.99 < rate * duration < 251.0 and duration < 120.0

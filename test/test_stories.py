@@ -90,7 +90,6 @@ class Story:
             'pose_timeout': 5.0 if self.vehicles else 0.0,  # After ~/reset nobody sends odometry.
             **(ZONE if self._rng.random() < 0.5 else {}), **accelerations}}[name]
         self.nodes[name] = self._stack.enter_context(node_process(name, **shared, **own))
-        self._client.forget_services(name)
         wait_for(lambda: any('ready' in line for line in self.nodes[name].lines), what=name)
 
     def _take(self, name, message):
