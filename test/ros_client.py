@@ -429,8 +429,8 @@ def set_variance(covariance, variance):
 
 def odometry_message(x, y, velocity=(0.0, 0.0), frame_id='map', child_frame_id='map', stamp=None,
                      variance=0.0, velocity_variance=0.0):
-    """Return odometry at 100 m with round covariances, its velocity in the frame of the child."""
-    message = pose_message(Odometry, x, y, 100, frame_id, stamp)
+    """Return odometry with round covariances; its velocity is in the frame of the child."""
+    message = pose_message(Odometry, x, y, 0, frame_id, stamp)
     message.child_frame_id = child_frame_id
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, velocity)
     set_variance(message.pose.covariance, variance)

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import cache
+import math
+import re
 import sys
 
 import clarabel
@@ -111,9 +113,113 @@ def test_a_message_that_ends_early_is_refused(read, message):
             read(data[:end])
 
 
+UAVS = ['uav1', 'uav2']
+FIELDS = {'ground_node': (0.0, 0.0), 'eavesdroppers': Scenario.paper().eavesdroppers}
+STRANGER = replace(fly_hover_fly(with_uavs(
+    Scenario.paper(120.0, slots=30), max_acceleration=1.5, goal_velocity=None)), start_ns=10**18)
+
+
+def send(assembly, plan, kinds, change=lambda topic, message: None):
+    """Give an assembly the messages of another planner, which name nothing; return its answers."""
+    answers, parts = [], dict(messages.plan_messages(plan, 'earth'))
+    for kind in kinds:
+        for name in UAVS:
+            topic = f'{name}/{kind}'
+            change(topic, parts[topic])
+            if kind == 'power':
+                del parts[topic].layout.dim[1]
+            answers.append(assembly.take(topic, bytes(serialize_message(parts[topic]))))
+    return answers
+
+
+def set_field(topic, path, value):
+    """
+    Return a change for send.
+
+    :param path: the name of a field after those of what it is in, such as 'poses.7.header.stamp'.
+    :param value: the new one, or a function of the old one.
+    """
+    def change(sent, message):
+        if sent == topic:
+            *way, name = path.split('.')
+            for part in way:
+                message = message[int(part)] if part.isdigit() else getattr(message, part)
+            setattr(message, name, value(getattr(message, name)) if callable(value) else value)
+    return change
+
+
+def set_long_frames(topic, message):
+    if topic.endswith('path'):
+        message.header.frame_id = 'x' * 10_000
+        for pose in message.poses:
+            pose.header.frame_id = ''
+
+
+@pytest.mark.filterwarnings('error::RuntimeWarning')
+@pytest.mark.parametrize('change, reason', [
+    (set_field('uav1/power', 'data', lambda data: data[:5]), 'uav1 has 32 points and 5 powers'),
+    (set_field('uav2/path', 'header.frame_id', 'odom'),
+     "uav1/path in 'earth', uav2/path in 'odom'"),
+    (set_long_frames, 'frame_id of the paths has 10000 characters'),
+    (set_field('uav2/path', 'poses.3.header.frame_id', 'odom'), "has a pose in frame 'odom'"),
+    (set_field('uav2/path', 'header.stamp.sec', lambda sec: sec + 5), 'their stamps differ'),
+    (set_field('uav1/path', 'poses.7.header.stamp.sec', lambda sec: sec + 1), 'equally spaced'),
+    (set_field('uav2/path', 'poses.9.pose.position.z', 115.0), 'the altitude must be constant'),
+    (set_field('uav1/path', 'poses.2.pose.position.x', 1e300), 'coordinates beyond'),
+    (set_field('uav2/power', 'data', lambda data: [1e308, *data[1:]]), 'values beyond'),
+    (set_field('uav1/trajectory', 'points.7.transforms.0.translation.x', lambda x: x + 0.5),
+     'uav1/trajectory is not the curve of uav1/path: at point 7'),
+    (set_field('uav1/trajectory', 'points.0.accelerations.0.linear.x', math.nan),
+     'uav1/trajectory has values beyond'),
+    (set_field('uav1/trajectory', 'points', lambda points: points[:-1]),
+     'uav1/trajectory has 31 points and uav1/path 32'),
+    (set_field('uav2/trajectory', 'points.3.accelerations', []),
+     'uav1/trajectory has accelerations, uav2/trajectory is missing or has none'),
+    (set_field('uav1/trajectory', 'header.frame_id', 'odom'),
+     "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
+def test_messages_that_do_not_make_a_plan_are_refused_with_the_reason(change, reason):
+    kinds = ('path', 'power', 'trajectory') if 'trajectory' in reason else ('path', 'power')
+    assembly = Assembly(UAVS, lambda topic: 'trajectory' in kinds)
+    assert send(assembly, STRANGER, kinds, change)[-1]
+    with pytest.raises(PlanError, match=re.escape(reason)) as refused:
+        assembly.plan(**FIELDS)
+    assert 'np.' not in str(refused.value)
+    assert send(assembly, STRANGER, kinds)[-1]
+    assert np.array_equal(assembly.plan(**FIELDS)[0].positions, STRANGER.positions)
+
+
+def test_trajectories_come_in_any_order_and_are_waited_for_where_somebody_publishes_them():
+    publishes = False
+    assembly = Assembly(UAVS, lambda topic: publishes)
+    assert send(assembly, STRANGER, ('path', 'power'))[-1]
+    assert assembly.plan(**FIELDS)[0].scenario.uavs[0].max_acceleration is None
+    publishes = True
+    assert not any(send(assembly, STRANGER, ('path', 'power')))
+    assert assembly.problem == 'no new message on uav1/trajectory, uav2/trajectory'
+    assert send(assembly, STRANGER, ('trajectory',))[-1]
+    assert assembly.plan(**FIELDS)[0].scenario.uavs[0].max_acceleration is not None
+    assert send(assembly, STRANGER, ('trajectory', 'power', 'path'))[-1]
+
+
+def test_a_power_that_comes_alone_is_not_joined_to_an_old_path():
+    assembly = Assembly(UAVS, lambda topic: False)
+    assert send(assembly, STRANGER, ('path', 'power'))[-1]
+    assembly.plan(**FIELDS)
+    assert not any(send(assembly, STRANGER, ('power',)))
+    assert assembly.problem == 'no new message on uav1/path, uav2/path'
+
+
+def test_a_plan_of_constant_power_is_used_although_its_mean_is_rounded_up():
+    powers = np.full_like(STRANGER.powers, 0.38)
+    assert powers[0].mean() > 0.38
+    assembly = Assembly(UAVS, lambda topic: False)
+    assert send(assembly, replace(STRANGER, powers=powers), ('path', 'power'))[-1]
+    assert np.array_equal(assembly.plan(**FIELDS)[0].powers, powers)
+
+
 def assembled(plan):
     """Return a plan after its messages, and how many functions were called to assemble it."""
-    assembly, calls = Assembly(['uav1', 'uav2'], lambda topic: True), []
+    assembly, calls = Assembly(UAVS, lambda topic: True), []
     for topic, message in messages.plan_messages(plan, 'map'):
         if topic != '~/markers':
             assembly.take(topic, bytes(serialize_message(message)))
@@ -165,7 +271,7 @@ def revisions():
 @given(st.data())
 def test_in_any_order_and_with_any_loss_only_whole_plans_are_assembled_and_the_last_one_is(data):
     plans, sent = revisions()
-    assembly, made = Assembly(['uav1', 'uav2'], lambda topic: True), []
+    assembly, made = Assembly(UAVS, lambda topic: True), []
     # Each topic keeps its order; all but the last message of each may be lost.
     queues = {topic: [parts[topic] for number, parts in enumerate(sent)
                       if number == 2 or data.draw(st.booleans())] for topic in sent[0]}

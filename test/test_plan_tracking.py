@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rclpy.time import Time as RosTime
 from ros_client import (
-    DEFAULTS, node_here, places_of, pose_message, seconds, stamp_at, values_of, wait_for)
+    DEFAULTS, odometry_message, places_of, pose_message, seconds, stamp_at, values_of, wait_for)
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.errors import LateError, PoseError, SupersededError, WrongFrameError
+from secure_uav_planner.errors import LateError, SupersededError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
@@ -24,23 +24,8 @@ from sensor_msgs.msg import TimeReference
 from studies.flown.missions import limit_acceleration
 
 
-def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', stamp=None, orientation=()):
-    """Return an Odometry with a velocity in its own frame; orientation has fields by name."""
-    message = pose_message(Odometry, x, y, 100, frame_id, stamp and stamp_at(stamp))
-    message.child_frame_id = 'base_link'
-    for field, value in dict(orientation).items():
-        setattr(message.pose.pose.orientation, field, value)
-    message.twist.twist.linear.x, message.twist.twist.linear.y = velocity
-    return message
-
-
-def kept_pose(*sent, now=50.0):
-    """Return the pose that is kept of messages, each perhaps with its time of arrival."""
-    book = PoseBook()
-    for message in sent:
-        message, arrival = message if isinstance(message, tuple) else (message, now)
-        book.take(Arrival('uav1/odom', message, arrival), DEFAULTS, arrival)
-    return book.get('uav1/odom')
+def odometry(x, y, velocity=(0.0, 0.0), stamp=0.0):
+    return odometry_message(x, y, velocity, stamp=stamp_at(stamp))
 
 
 @pytest.mark.parametrize('duration', [120.0, 120.1, 123.7, 1e3 / 7])
@@ -58,158 +43,52 @@ def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(dura
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
 
-def pose(stamp, x, frame_id='map'):
-    return pose_message(PoseStamped, x, 0, 0, frame_id, stamp_at(stamp))
-
-
-def test_the_velocity_of_poses_is_that_of_the_last_second():
-    assert kept_pose(pose(40.0, 0.0)).velocity is None
-    assert kept_pose(pose(40.0, 0.0), pose(40.1, 0.5)).velocity is None  # too short to tell
-    steady = [pose(40 + 0.1 * step, 0.4 * step) for step in range(30)]
-    assert kept_pose(*steady).velocity == pytest.approx((4.0, 0.0))
-    assert kept_pose(pose(10.0, 0.0), pose(40.0, 9.0)).velocity is None
-    # The clock has jumped back.
-    assert kept_pose(*steady, (pose(20.0, 0.0), 20.1)).velocity is None
-
-
-def test_places_in_two_frames_give_no_velocity():
-    book = PoseBook()
-    for stamp, frame_id, velocity in (
-            (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
-        book.take(Arrival('uav1/pose', pose(stamp, 4.0 * stamp, frame_id), stamp),
-                  {**DEFAULTS, 'frame_id': frame_id}, stamp)
-        assert book.get('uav1/pose').velocity == velocity
-
-
-@pytest.mark.parametrize('change, text', [
-    ({'velocity': (math.nan, 0.0)}, r'twist.linear.x is nan; it must be from -1e\+06 to 1e\+06'),
-    ({'x': math.nan}, 'position.x is nan'),
-    ({'orientation': {'w': math.nan}}, 'orientation.w is nan'),
-    ({'orientation': {'z': 5.0, 'w': 5.0}}, 'orientation has length 7.07107; it must be')])
-def test_odometry_that_is_not_finite_is_refused_and_the_last_pose_kept(change, text):
-    book = PoseBook()
-    book.take(Arrival('uav1/odom', odometry(1.0, 2.0), 5.0), DEFAULTS, 5.0)
-    with pytest.raises(PoseError, match=text):
-        wrong = odometry(**{'x': 7.0, 'y': 7.0, **change})
-        book.take(Arrival('uav1/odom', wrong, 6.0), DEFAULTS, 6.0)
-    assert book.get('uav1/odom').position == (1.0, 2.0)
-    with pytest.raises(WrongFrameError, match="is in frame 'odom'; it must be in frame 'map'"):
-        book.take(Arrival('uav1/odom', odometry(7.0, 7.0, frame_id='odom'), 6.0), DEFAULTS, 6.0)
-    assert book.get('uav1/odom').position == (1.0, 2.0)
-
-
-class Uav:
-    """Sends odometry again and again, as a localisation does."""
-
-    def __init__(self, client, name):
-        self.client, self.publisher = client, client.publisher(Odometry, f'{name}/odom')
-
-    def send(self, x, y, velocity=(0.0, 0.0), age=0.0, **options):
-        self.publisher.publish(odometry(x, y, velocity, stamp=time.time() - age, **options))
-
-
 def timed(path):
     """Return the times in s and the points of a path."""
     return np.array([seconds(at.header.stamp) for at in path.poses]), places_of(path)
 
 
-def status_with(status, publish, condition, what):
-    """Publish until the values of a status fulfil a condition; return the message."""
-    def fulfilled():
-        publish()
-        time.sleep(0.05)
-        return status and condition(values_of(status[-1])) and status[-1]
-    return wait_for(fulfilled, what=what)
-
-
-def test_of_odometry_and_pose_the_fresher_counts_however_old_both_may_be(client, planner):
-    path = client.listen(Path, 'uav1/path')
-    uav = Uav(client, 'uav1')
-    client.set_parameters('planner', pose_timeout=0.0)
-    client.send_paper()
-    client.send_pose('uav1/pose', 70.0, 470.0)
-
-    def start(x, age):
-        def planned():
-            uav.send(60.0, 460.0, age=age)
-            return client.call('planner/plan').success and path and (
-                path[-1].poses[0].pose.position.x == x)
-        wait_for(planned, what=f'a plan from x = {x:g} m')
-    start(60.0, 0.0)
-    start(70.0, 7.4)  # The client sends the pose again.
-
-
-def test_stale_odometry_and_odometry_of_another_frame_are_refused_as_poses_are(client, planner):
-    uav = Uav(client, 'uav1')
-    client.send_paper()
-
-    def refusal(text, **options):
-        def refused():
-            uav.send(60.0, 460.0, **options)
-            answer = client.call('planner/plan')
-            return not answer.success and text in answer.message and answer.message
-        return wait_for(refused, what=f'a refusal with {text!r}')
-    refusal("uav1/odom was refused: the pose is in frame 'odom'", frame_id='odom')
-    message = refusal('the pose on uav1/odom is', age=60.0)
-    assert 'set uav1.use_pose to false to plan from uav1.start' in message
-    before = len(planner.lines)
-
-    def warned(text):
-        return sum(text in line for line in planner.lines[before:])
-    wrong = {'position.x is nan': {'x': math.nan},
-             "is in frame 'odom'; it must be": {'x': 60.0, 'frame_id': 'odom'}}
-    for text, options in wrong.items():
-        wait_for(lambda: uav.send(y=460.0, **options) or warned(text), what=text)
-    for options in [*wrong.values()] * 3:
-        uav.send(y=460.0, **options)
-    client.call('planner/cancel')
-    assert [warned(text) for text in wrong] == [1, 1]
-    assert client.set_parameters('planner', uav1__use_pose=False)[0].successful
-    assert client.call('planner/plan').success
-
-
 def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(client, planner):
-    paths = [client.listen(Path, f'{name}/path') for name in ('uav1', 'uav2')]
-    status = client.listen(DiagnosticStatus, 'planner/status')
+    names = ('uav1', 'uav2')
+    paths = [client.listen(Path, f'{name}/path') for name in names]
     diagnostics = client.listen(DiagnosticArray, '/diagnostics', 10)
-    uavs = [Uav(client, name) for name in ('uav1', 'uav2')]
+    publishers = [client.publisher(Odometry, f'{name}/odom') for name in names]
     reports = client.publisher(TimeReference, 'plan_time')
     client.plan_paper()
-    wait_for(lambda: all(paths) and status and 'plan.identity' in values_of(status[-1]))
-    assert 'track.time' not in values_of(status[-1])  # Nobody flies.
-    identity = values_of(status[-1])['plan.identity']
+    wait_for(lambda: all(paths) and 'plan.identity' in client.status)
+    assert 'track.time' not in client.status  # Nobody flies.
+    identity = client.status['plan.identity']
 
-    def report_now():
-        """Report that the plan is flown by its stamps; return the time."""
+    def fly_beside(x, y, sends_odometry=True):
+        """Report that the plan is flown by its stamps, and the first UAV beside it."""
         now = time.time()
         message = TimeReference(source=f'{identity} /follower', time_ref=stamp_at(now))
         message.header.stamp = stamp_at(now)
         reports.publish(message)
-        return now
-    values = values_of(status_with(
-        status, report_now, lambda values: 'track.distance.uav1' in values, 'a flight'))
-    assert [values[f'track.{key}'] for key in ('distance.uav1', 'rate', 'planned_rate')] == [
-        'none'] * 3
-
-    def beside(x, y):
-        """Send odometry of both UAVs, the first one beside its plan."""
-        now = report_now()
-        for uav, path, offset in zip(uavs, paths, ((x, y), (0.0, 0.0))):
+        for publisher, path, offset in zip(publishers, paths, ((x, y), (0.0, 0.0))):
             times, points = timed(path[-1])
             place = [np.interp(now, times, column) for column in points.T]
-            uav.publisher.publish(odometry(*np.add(place, offset), stamp=now))
+            if sends_odometry:
+                publisher.publish(odometry(*np.add(place, offset), stamp=now))
+        time.sleep(0.05)
+
+    def told(key):
+        return client.status.get(f'track.{key}', 'none')
+
+    wait_for(lambda: fly_beside(0.0, 0.0, False) or 'track.distance.uav1' in client.status)
+    assert [told(key) for key in ('distance.uav1', 'rate', 'planned_rate')] == ['none'] * 3
     client.set_parameters('planner', pose_timeout=0.0)
 
     def status_beside(x, y, distance, level):
         """Return the first status with the distances of both UAVs and a level."""
         def fulfilled():
-            beside(x, y)
-            time.sleep(0.05)
-            values = values_of(status[-1])
-            told = [values.get(f'track.distance.{name}', 'none') for name in ('uav1', 'uav2')]
-            return 'none' not in told and np.allclose(
-                np.array(told, float), [distance, 0.0], atol=0.01) and (
-                    status[-1].level == level) and status[-1]
+            fly_beside(x, y)
+            status = client.statuses[-1]
+            values = values_of(status)
+            distances = [values.get(f'track.distance.{name}', 'none') for name in names]
+            return 'none' not in distances and np.allclose(
+                np.array(distances, float), [distance, 0.0], atol=0.01) and (
+                    status.level == level) and status
         return wait_for(fulfilled, what=f'a distance of {distance} m')
     status_beside(0.3, 0.4, 0.5, DiagnosticStatus.OK)
     far = status_beside(30.0, 40.0, 50.0, DiagnosticStatus.WARN)
@@ -219,51 +98,15 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
     wait_for(lambda: any(far.message == message.status[0].message for message in diagnostics))
     assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
     status_beside(30.0, 40.0, 50.0, DiagnosticStatus.OK)
-
-    def rated():
-        beside(0.0, 0.0)
-        time.sleep(0.05)
-        return values_of(status[-1]).get('track.rate', 'none') != 'none'
-    wait_for(rated, what='the rate')
-    assert np.isfinite(float(values_of(status[-1])['track.planned_rate']))
-
-
-@pytest.mark.parametrize('acceleration', [0.0, 2.0])
-def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
-    """It flies with 5 m/s towards -y, on no plan, so that it brakes and stands."""
-    with node_here('planner', duration=180.0, slots=90, start_delay=30.0,
-                   uav1__max_acceleration=acceleration, uav2__max_acceleration=acceleration):
-        path = client.listen(Path, 'uav1/path')
-        uav = Uav(client, 'uav1')
-        client.send_paper()
-        began = time.time()
-
-        def place(moment):
-            return 100.0, 500.0 - 5.0 * (moment - began)
-
-        def planned():
-            uav.send(*place(time.time()), (0.0, -5.0))
-            return client.call('planner/plan').success
-        asked = time.time()
-        while not planned():
-            asked = time.time()
-        wait_for(lambda: path)
-        times, points = timed(path[-1])
-        assert times[0] > asked + 30.0 - 1e-3
-        assert times[-2] - times[0] == pytest.approx(180.0)
-        braking = 5.0**2 / (2 * acceleration) if acceleration else 0.0
-        asked_at, answered_at = place(asked), place(time.time())
-        assert points[0, 0] == pytest.approx(100.0)
-        assert answered_at[1] <= points[0, 1] + braking <= asked_at[1]
-        if acceleration:
-            assert np.linalg.norm(points[1] - points[0]) / 2.0 <= 2.0 * 2.0 + 1e-6
+    wait_for(lambda: fly_beside(0.0, 0.0) or told('rate') != 'none', what='the rate')
+    assert np.isfinite(float(told('planned_rate')))
 
 
 def requested_uav(message, now, plan=None, **changes):
     """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
     settings, book = {**DEFAULTS, 'start_delay': 30.0, **changes}, PoseBook()
     for topic, sent in (
-            ('ground_node/pose', pose(now, 0.0)), ('uav1/odom', message),
+            ('ground_node/pose', pose_message(PoseStamped, 0, 0)), ('uav1/odom', message),
             ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0))):
         book.take(Arrival(topic, sent, now), DEFAULTS, now)
     tracking = PlanTracking(book)
@@ -285,6 +128,14 @@ def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(noise):
         assert math.dist(uav.start, (100.0, 500.0)) < 1.0 and uav.start_velocity == (0.0, 0.0)
 
 
+@pytest.mark.parametrize('acceleration, braking', [(0.0, 0.0), (2.0, 6.25)])
+def test_a_uav_in_flight_on_no_plan_brakes_and_the_plan_starts_where_it_stands(
+        acceleration, braking):
+    uav = requested_uav(odometry(100.0, 500.0, (0.0, -5.0), stamp=1000.0), 1000.0, **{
+        'uav1.max_acceleration': acceleration, 'uav2.max_acceleration': acceleration})
+    assert uav.start == pytest.approx((100.0, 500.0 - braking))
+
+
 def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_plans):
     curve = Playback(two_plans[1])
     x, y = curve.at(20.0).positions[0]
@@ -292,15 +143,11 @@ def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_p
     assert uav.start == pytest.approx(curve.at(50.0).positions[0])
 
 
-def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client):
-    with node_here('planner', duration=150.0, slots=10, start_delay=0.001):
-        status = client.listen(DiagnosticStatus, 'planner/status')
-        path = client.listen(Path, 'uav1/path')
-        client.send_paper()
-        answer = client.call('planner/plan')
-        assert not answer.success and 'a longer start_delay gives it more time' in answer.message
-        wait_for(lambda: status and values_of(status[-1])['outcome.code'] == 'late')
-        assert not path
+def test_a_plan_with_a_delay_starts_that_long_after_its_request_however_long_it_takes():
+    for acceleration in (0.0, 2.0):
+        start = StartTime.from_settings({**DEFAULTS, 'start_delay': 30.0, 'uav1.max_acceleration':
+                                         acceleration}, 1000 * 10**9, None)
+        assert start.point_0_ns(1020 * 10**9) == 1030 * 10**9
 
 
 def test_a_problem_with_a_uav_is_in_the_status_during_a_solve():

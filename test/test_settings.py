@@ -10,7 +10,8 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from ros_client import Client, node_process, refusal, wait_for_line
+from ros_client import Client, DEFAULTS, node_process, refusal, wait_for_line
+from secure_uav_planner import Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.mission import METHODS, OBJECTIVES
 from secure_uav_planner.mission.polygons import MAX_VERTICES
@@ -137,6 +138,13 @@ def test_a_plan_file_in_a_folder_that_is_not_there_is_refused_at_the_start(capfd
     path = file if file.startswith('~') else tmp_path / file
     assert f'parameter plan_file: {path} must be in a folder that is there' in refusal(
         capfd, 'planner', plan_file=path)
+
+
+def test_the_defaults_are_those_of_the_papers_mission():
+    mission = mission_values(Scenario.paper())
+    shared = DEFAULTS.keys() & mission.keys()
+    assert len(shared) > 20
+    assert {name: DEFAULTS[name] for name in shared} == {name: mission[name] for name in shared}
 
 
 @given(scenarios())
