@@ -63,19 +63,16 @@ class SimulatedTime:
 
 class Simulation(SimulatedTime):
     """
-    Simulated time, faster than real, and the estimate of an eavesdropper who walks.
+    Simulated time, faster than real, which stands while the planner solves in real time.
 
-    It stands while the planner solves, which takes real time, however much of it.
-
-    :param where: returns the position of the eavesdropper at a time.
     :param advance: called with the time whenever that has gone on.
     """
 
     _step = 0.02
 
-    def __init__(self, client, where, speedup, advance=lambda now: None):
+    def __init__(self, client, advance, speedup):
         super().__init__(client, 1000.0, speedup)
-        self._client, self._where, self._advance = client, where, advance
+        self._advance = advance
         # The diagnostics, too: a replan that has been superseded says nothing in the status.
         self._received = client.listen(DiagnosticStatus, 'planner/status')
         client.node.create_subscription(
@@ -86,11 +83,6 @@ class Simulation(SimulatedTime):
         if not self._received or values_of(self._received[-1])['state'] == 'idle':
             super()._go_on()
             self._advance(self.now)
-
-    def send_estimate(self):
-        x, y = self._where(self.now)
-        self._client.send_estimate(
-            'eavesdropper/pose', x, y, stamp=self.stamp(), until_known=False)
 
 
 class Receiver:

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from ros_client import Client, node_process, pose_message, seconds, values_of, wait_for
+from ros_client import Client, node_process, odometry_message, seconds, wait_for
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
@@ -53,120 +53,99 @@ class Stream:
             assert changes.max(initial=0) <= 0.02, (name, times[changes.argmax()])
 
 
-@pytest.fixture(scope='module')
-def flown():
+@pytest.fixture
+def flown(client):
     """Yield a client, a planner and a replay with odometry of its own, and the stream."""
-    with Client() as client, node_process('planner', **PARAMETERS) as planner, node_process(
-            'replay') as replay:
-        stream = Stream(client)
+    with node_process('planner', **PARAMETERS), node_process('replay') as replay:
+        client.replay, client.stream = replay, Stream(client)
         client.send_paper()
-        client.planner, client.replay, client.stream = planner, replay, stream
         client.times = client.listen(TimeReference, 'plan_time', 100)
-        client.status = client.status_of('planner')
-        client.paths = client.listen(Path, 'uav1/path')
-        client.powers = {name: client.listen(Float64, f'{name}/setpoint/power', 100)
-                         for name in ('uav1', 'uav2')}
+        client.powers = [client.listen(Float64, f'{name}/setpoint/power', 100)
+                         for name in ('uav1', 'uav2')]
         yield client
 
 
-def status(client, key):
-    return values_of(client.status[-1]).get(key) if client.status else None
+def time_of_plan(client):
+    return float(client.status.get('track.time', -math.inf))
 
 
 def is_on_its_plan(client):
-    distances = [status(client, f'track.distance.{name}') for name in ('uav1', 'uav2')]
-    return all(value not in (None, 'none') and float(value) < 0.5 for value in distances)
+    distances = [client.status.get(f'track.distance.{name}') for name in ('uav1', 'uav2')]
+    return client.statuses[-1].level == DiagnosticStatus.OK and all(
+        value not in (None, 'none') and float(value) < 0.5 for value in distances)
 
 
-def wait_for_adoption(client, before):
-    """Wait until the replay has adopted a new plan of the planner, after a plan's identity."""
+def plan(client):
+    """Ask for a plan; return the text of the answer, once the replay has adopted it."""
+    before = client.status.get('plan.identity')
+    answer = client.call('planner/plan')
+    assert answer.success, answer.message
+
     def is_adopted():
-        identity = status(client, 'plan.identity')
+        identity = client.status.get('plan.identity')
         return identity not in (None, before) and (
             client.times and read_plan_time(client.times[-1])[0] == identity)
     wait_for(is_adopted, what='the new plan in the replay')
     assert not [line for line in client.replay.lines if 'not played' in line]
+    return answer.message
 
 
-def plan(client):
-    """Ask for a plan; return the answer, once the replay has adopted it."""
-    before = status(client, 'plan.identity')
-    answer = client.call('planner/plan')
-    assert answer.success, answer.message
-    wait_for_adoption(client, before)
-    return answer
-
-
-def test_a_plan_waits_for_its_release_and_a_late_release_is_no_deviation(flown):
+def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_and_on_its_plan(
+        flown):
     plan(flown)
-    wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
+    wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
     time.sleep(3.0)
     answer = flown.call('replay/start')
-    assert answer.success and status(flown, 'plan.identity') in answer.message
-    wait_for(lambda: float(status(flown, 'track.time')) > 5.0, what='a flight')
-    assert is_on_its_plan(flown) and flown.status[-1].level == DiagnosticStatus.OK
-    flown.stream.check()
-
-
-def test_a_pause_slows_down_within_the_limit_is_silent_and_the_planner_knows(flown):
-    wait_for(lambda: flown.powers['uav1'][-1].data > 0, what='power in flight')
+    assert answer.success and flown.status['plan.identity'] in answer.message
+    wait_for(lambda: time_of_plan(flown) > 5.0 and is_on_its_plan(flown))
+    wait_for(lambda: flown.powers[0][-1].data > 0, what='power in flight')
     assert flown.call('replay/pause').success
     # The planner takes a silence for a hold as well, so the reports are compared, too.
-    wait_for(lambda: status(flown, 'track.state') == 'held' and (
+    wait_for(lambda: flown.status['track.state'] == 'held' and (
         flown.times[-1].time_ref == flown.times[-2].time_ref), what='a flight that is held')
-    wait_for(lambda: not any(watts[-1].data for watts in flown.powers.values()),
+    wait_for(lambda: not any(watts[-1].data for watts in flown.powers),
              what='silence, since the receivers move on')
     wait_for(lambda: is_on_its_plan(flown))
-    assert flown.status[-1].level == DiagnosticStatus.OK
-    flown.stream.check()
-
-
-def test_a_plan_made_during_a_pause_continues_from_the_hold(flown):
     held = flown.stream.last('uav1')
-    assert 'which is held' in plan(flown).message
+    assert 'which is held' in plan(flown)
     assert np.linalg.norm(flown.stream.last('uav1') - held) < 0.01
     assert flown.call('replay/start').success
     wait_for(lambda: np.linalg.norm(flown.stream.last('uav1') - held) > 20.0)
-    wait_for(lambda: flown.powers['uav1'][-1].data > 0, what='the powers of the plan again')
+    wait_for(lambda: flown.powers[0][-1].data > 0, what='the powers of the plan again')
     wait_for(lambda: is_on_its_plan(flown))
-    flown.stream.check()
-
-
-def test_another_altitude_in_flight_is_refused_with_its_reason(flown):
+    # Another altitude in flight is refused; UAVs without odometry count as on their plan.
     assert flown.set_parameters('planner', uav1__altitude=150.0)[0].successful
     answer = flown.call('planner/plan')
     assert not answer.success
     assert 'uav1.altitude is 150 m and uav1 flies at 100 m' in answer.message
-    assert flown.set_parameters('planner', uav1__altitude=100.0)[0].successful
-
-
-def test_a_uav_without_odometry_counts_as_on_the_plan_that_is_flown(flown):
-    assert flown.set_parameters(
-        'planner', uav1__use_pose=False, uav2__use_pose=False)[0].successful
-    assert 'it goes on from plan' in plan(flown).message
+    assert all(result.successful for result in flown.set_parameters(
+        'planner', uav1__altitude=100.0, uav1__use_pose=False, uav2__use_pose=False))
+    assert 'it goes on from plan' in plan(flown)
     flown.stream.check()
-    flown.set_parameters('planner', uav1__use_pose=True, uav2__use_pose=True)
 
 
-def test_reset_and_start_wait_until_the_uavs_can_be_back(flown):
+def test_reset_and_start_wait_until_the_uavs_can_be_back_and_the_next_plan_begins_there(flown):
+    paths = flown.listen(Path, 'uav1/path')
+    plan(flown)
+    assert flown.call('replay/start').success
+    wait_for(lambda: time_of_plan(flown) > 5.0, what='a flight')
     assert flown.call('replay/reset').success
     answer = flown.call('replay/start')
     assert answer.success and 'waits for' in answer.message and 'to reach its start' in (
         answer.message)
     assert flown.call('replay/pause').success
-    wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
-    # The next plan begins at the UAVs' starts and continues no flight.
-    assert flown.set_parameters(
-        'planner', uav1__use_pose=False, uav2__use_pose=False)[0].successful
+    wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
+    assert all(result.successful for result in flown.set_parameters(
+        'planner', uav1__use_pose=False, uav2__use_pose=False))
     # For a second after the reset the flight counts as one that slows down.
     wait_for(lambda: 'ask again when it' not in flown.call('planner/plan').message)
-    assert 'goes on' not in plan(flown).message
-    at = flown.paths[-1].poses[0].pose.position
+    assert 'goes on' not in plan(flown)
+    at = paths[-1].poses[0].pose.position
     assert (at.x, at.y) == (100.0, 500.0)
 
 
 def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
-    with Client(namespace='team') as client, node_process(
+    with Client('/team') as client, node_process(
             'planner', namespace='/team', **PARAMETERS), node_process(
                 'replay', namespace='/team', vehicle_odometry='true'):
         stream = Stream(client)
@@ -176,7 +155,8 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
 
         def report(x, y, change=lambda message: None):
             for name, z in (('uav1', 100.0), ('uav2', 110.0)):
-                message = pose_message(Odometry, x, y, z, stamp=client.now())
+                message = odometry_message(x, y, stamp=client.now())
+                message.pose.pose.position.z = z
                 change(message)
                 publishers[name].publish(message)
 

@@ -8,10 +8,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import node_here, values_of, wait_for
+from ros_client import node_here, odometry_message, values_of, wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario
 from simulation import Simulation
-from test_tracks_node import odometry
 
 SPEED = 12.0  # m/s, of the car towards +y
 
@@ -32,12 +31,13 @@ def planned(client, tmp_path, **parameters):
         if publishers and now >= sent[0] + 0.5:
             sent[0] = now
             stamp = simulation.stamp()
-            publishers[0].publish(odometry(*car_at(now), (0.0, SPEED), stamp, 4.0, 0.01))
+            publishers[0].publish(odometry_message(
+                *car_at(now), (0.0, SPEED), stamp=stamp, variance=4.0, velocity_variance=0.01))
             client.send_pose('ground_node/pose', 0, 0, stamp=stamp, until_known=False)
 
     with node_here('planner', use_sim_time=True, plan_file=str(tmp_path / 'plan.json'),
                    **parameters) as planner:
-        simulation = Simulation(client, car_at, 6, send)
+        simulation = Simulation(client, send, 6)
         with simulation:
             publishers.append(client.publisher(Odometry, 'eavesdropper/odom'))
             status = client.listen(DiagnosticStatus, 'planner/status')

@@ -17,7 +17,7 @@ import pytest
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
-    node_here, node_process, PATIENCE, refusal, values_of, wait_for, wait_for_line)
+    node_here, node_process, PATIENCE, pose_message, refusal, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
@@ -173,6 +173,16 @@ def reported(client, kind, topic, fill, odometry, known=lambda: True, first=lamb
     return wait_for(come, what='odometry')
 
 
+def listen_to_mavros(packages, client, uav='uav1'):
+    return client.listen(packages('mavros_msgs', 'PositionTarget'),
+                         f'{uav}/mavros/setpoint_raw/local', 1000)
+
+
+def has_said(process, text, count=1):
+    """Return whether a node has logged lines with a text, so many at least."""
+    return sum(text in line for line in process.lines) >= count
+
+
 def numbers(message, names='xyz'):
     return [getattr(message, name) for name in names]
 
@@ -205,7 +215,7 @@ def test_a_wrong_parameter_ends_it_with_the_reason(capfd, parameters, reason):
 def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_moved(
         packages, client):
     kind = packages('mavros_msgs', 'PositionTarget')
-    targets = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
+    targets = listen_to_mavros(packages, client, 'uav2')
     odometry = client.listen(Odometry, 'uav2/odom', 10)
     with node_here('relay', start_tolerance=0.0, stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
         source = Source(client, 'uav2')
@@ -358,72 +368,55 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
 
 
 def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(packages, client):
-    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                            'uav1/mavros/setpoint_raw/local', 1000)
+    """What is a jump, or too fast, is told by test_guard.py."""
+    targets = listen_to_mavros(packages, client)
     with node_here('relay', start_tolerance=0.0, stack='mavros', setpoint_timeout=60.0,
                    uav1__max_acceleration=2.0) as process:
         source = Source(client, 'uav1')
-
-        def until_said(text):
-            source.until(lambda: any(text in line for line in process.lines))
-
-        source.place.x = math.nan
-        until_said('position is')
-        source.place.x = 10.0
         point = source.message.points[0]
-        source.message.points = [point, point]
-        until_said('it has 2 points; it must have one')
-        source.message.points = [point]
-        turn = point.transforms[0].rotation
-        turn.z, turn.w = 0.0, 0.0
-        until_said('rotation has length 0; it must be a quaternion of length 1')
+        linear, turn = point.accelerations[0].linear, point.transforms[0].rotation
+        for target, field, wrong, right, text in (
+                (source.place, 'x', math.nan, 10.0, 'position is'),
+                (source.message, 'points', [point] * 2, [point], 'it has 2 points; it must have'),
+                (turn, 'w', 5.0, turn.w, 'it must be a quaternion of length 1'),
+                (linear, 'z', 500.0, 0.0, 'it has 500 m/s^2, and max_acceleration '),
+                (source.message, 'joint_names', ['uav2'], [],
+                 "joint_names is ['uav2']; it must be ['uav1'], or empty"),
+                (source.message.header, 'frame_id', 'odom', 'map',
+                 "frame_id is 'odom'; it must be 'map'")):
+            setattr(target, field, wrong)
+            source.until(lambda: has_said(process, text))
+            setattr(target, field, right)
         assert not targets
-        turn.w = 1.0
         source.until(lambda: targets)
-        point.velocities[0].linear.x = 500.0
-        until_said('a setpoint of uav1 is not relayed: it has 500.0 m/s, and max_jump and')
-        point.velocities[0].linear.x = 3.0
-        point.accelerations[0].linear.z = 500.0
-        until_said('a setpoint of uav1 is not relayed: it has 500 m/s^2, and max_acceleration ')
-        point.accelerations[0].linear.z = 0.0
-        source.message.joint_names = ['uav2']
-        until_said("joint_names is ['uav2']; it must be ['uav1'], or empty")
-        source.message.joint_names = []
-        source.message.header.frame_id = 'odom'
-        until_said("frame_id is 'odom'; it must be 'map'")
-        source.message.header.frame_id = 'map'
         # A jump, such as that of another source, 400 m away: the last place is held.
         source.place.x = 410.0
-        until_said('a setpoint of uav1 is not relayed: it is 400.0 m from the last one')
+        source.until(lambda: has_said(
+            process, 'a setpoint of uav1 is not relayed: it is 400.0 m from the last one'))
         source.until(lambda: not numbers(targets[-1].velocity, 'xy')[0])
         assert {target.position.x for target in targets} == {10.0}
         # It follows again from there.
         source.place.x = 12.0
         source.until(lambda: targets[-1].position.x == 12.0)
         assert targets[-1].velocity.x == 3.0
-        assert sum('is not relayed' in line for line in process.lines) < 40
+        assert not has_said(process, 'is not relayed', 40)
 
 
 def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_unless_disabled(
         packages, client):
-    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                            'uav1/mavros/setpoint_raw/local', 1000)
+    targets = listen_to_mavros(packages, client)
     with node_here('relay', stack='mavros', setpoint_timeout=60.0) as process:
-        source, odometry = Source(client, 'uav1'), Odometry()
+        source = Source(client, 'uav1')
         publisher = client.publisher(Odometry, 'uav1/mavros/local_position/odom')
-        odometry.pose.pose.orientation.w = 1.0
 
         def stands_at(x):
-            place = odometry.pose.pose.position
-            place.x, place.y, place.z = x, 20.0, 30.0
-            publisher.publish(odometry)
+            publisher.publish(pose_message(Odometry, x, 20.0, 30.0))
             return True
 
-        def says(text):
-            return any(text in line for line in process.lines)
-
-        source.until(lambda: says('the position of the vehicle is not known, so start_tolerance'))
-        source.until(lambda: stands_at(30.0) and says('it is 20.0 m from the vehicle'))
+        source.until(lambda: has_said(
+            process, 'the position of the vehicle is not known, so start_tolerance'))
+        source.until(lambda: stands_at(30.0) and has_said(
+            process, 'it is 20.0 m from the vehicle'))
         assert not targets
         source.until(lambda: stands_at(11.0) and targets)
 
@@ -435,8 +428,7 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
         count = len(targets)
         stands_at(30.0)
         enable(True)
-        source.until(lambda: sum('it is 20.0 m from the vehicle' in line
-                                 for line in process.lines) > 1)
+        source.until(lambda: has_said(process, 'it is 20.0 m from the vehicle', 2))
         assert len(targets) == count
         source.until(lambda: stands_at(11.0) and len(targets) > count + 1)
 
@@ -451,26 +443,6 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(pac
 
         check_abnormal(client, process, publish, topics,
                        lambda: client.call('relay/enable', SetBool, SetBool.Request(data=True)))
-
-
-def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
-        packages, client, tmp_path):
-    scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
-    fly_hover_fly(replace(scenario, duration=8.0)).save(tmp_path / 'plan.json')
-    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                            'uav1/mavros/setpoint_raw/local', 1000)
-    # However slow this machine is, the stream has not ended in between.
-    with node_process('relay', start_tolerance=0.0, stack='mavros',
-                      setpoint_timeout=60.0) as relay, \
-            node_process('replay', plan_file=tmp_path / 'plan.json') as replay:
-        assert client.call('replay/start').success
-        wait_for(lambda: targets and targets[-1].velocity.y < -5.0)
-        assert client.call('replay/pause').success
-        wait_for(lambda: targets[-1].velocity.y == 0.0)
-        assert client.call('replay/start').success
-        wait_for_line(replay, 'end of the plan')
-        wait_for(lambda: numbers(targets[-1].position, 'xy') == [100.0, 460.0])
-        assert not any('is not relayed' in line for line in relay.lines)
 
 
 ZURICH = Origin(47.3977, 8.5456)
@@ -491,9 +463,10 @@ def local_place(reference, place):
     return [float(value) for value in frame.to_local(*ZURICH.to_geographic(*place))]
 
 
-def test_two_vehicles_with_references_400_m_apart_fly_one_plan(packages, client, tmp_path):
+def test_two_vehicles_with_references_400_m_apart_fly_one_plan_through_a_pause_to_the_goal(
+        packages, client, tmp_path):
     scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
-    fly_hover_fly(replace(scenario, duration=8.0)).save(tmp_path / 'plan.json')
+    fly_hover_fly(replace(scenario, duration=20.0)).save(tmp_path / 'plan.json')
     reference, setpoint = (packages('px4_msgs', kind) for kind in (
         'VehicleLocalPosition', 'TrajectorySetpoint'))
     streams = {name: client.listen(setpoint, f'{name}/fmu/in/trajectory_setpoint', 1000)
@@ -508,6 +481,11 @@ def test_two_vehicles_with_references_400_m_apart_fly_one_plan(packages, client,
             publisher = client.publisher(reference, f'{name}/fmu/out/vehicle_local_position')
             wait_for(lambda: publisher.publish(message) or any(
                 f'the local frame of {name} begins at' in line for line in relay.lines))
+        # However slow this machine is, the stream does not end in between.
+        assert client.call('replay/start').success
+        wait_for(lambda: any(target.velocity[0] < -5.0 for target in streams['uav1']))
+        assert client.call('replay/pause').success
+        wait_for(lambda: streams['uav1'][-1].velocity[0] == 0.0)
         assert client.call('replay/start').success
         wait_for_line(replay, 'end of the plan')
         for name, message in references.items():
@@ -526,13 +504,11 @@ def test_two_vehicles_with_references_400_m_apart_fly_one_plan(packages, client,
 def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_to_be(
         packages, client):
     reference = packages('px4_msgs', 'VehicleLocalPosition')
-    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                            'uav1/mavros/setpoint_raw/local', 1000)
+    targets = listen_to_mavros(packages, client)
     statuses = client.listen(DiagnosticArray, '/diagnostics', 10)
     with node_here('relay', stack='mavros', setpoint_timeout=60.0, uav1__reference='px4',
                    **MISSION) as process:
-        source, odometry = Source(client, 'uav1'), Odometry()
-        odometry.pose.pose.orientation.w = 1.0
+        source = Source(client, 'uav1')
         publishers = [client.publisher(kind, f'uav1/{topic}') for kind, topic in (
             (reference, 'fmu/out/vehicle_local_position'),
             (Odometry, 'mavros/local_position/odom'))]
@@ -542,32 +518,29 @@ def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_t
             def holds():
                 publishers[0].publish(report)
                 if place is not None:
-                    at = odometry.pose.pose.position
-                    at.x, at.y, at.z = *local_place(report, place), 30.0
-                    publishers[1].publish(odometry)
+                    publishers[1].publish(
+                        pose_message(Odometry, *local_place(report, place), 30.0))
                 return condition()
             source.until(holds)
 
-        def says(text):
-            return any(text in line for line in process.lines)
-
         first, moved = (reference_at(reference, *of) for of in ((0.0,), (30.0, 1)))
-        until(reference_at(reference, 0.0, is_valid=False), None, lambda: says(
-            'the local frame of uav1 is not known: xy_valid is True and xy_global is False'))
+        until(reference_at(reference, 0.0, is_valid=False), None, lambda: has_said(
+            process, 'the local frame of uav1 is not known: xy_valid is True and xy_global is'))
         assert not targets
         until(first, (11.0, 20.0), lambda: targets and targets[-1].velocity.x == 3.0)
         # It is lost: the place is held.
         until(reference_at(reference, 0.0, is_valid=False), (11.0, 20.0),
               lambda: targets[-1].velocity.x == 0.0)
         held = len(targets)
-        until(moved, None, lambda: says('the local frame of uav1 has moved by 30.00 m'))
-        until(moved, None, lambda: says('the position of the vehicle is not known'))
+        until(moved, None, lambda: has_said(
+            process, 'the local frame of uav1 has moved by 30.00 m'))
+        until(moved, None, lambda: has_said(process, 'the position of the vehicle is not known'))
         until(moved, None, lambda: targets[-1].position.x < -10.0)
         assert not any(target.velocity.x for target in targets[held:])
         wait_for(lambda: any(
             status.level == DiagnosticStatus.WARN and 'has moved by 30.00 m' in status.message
             for message in statuses for status in message.status))
-        until(moved, (31.0, 20.0), lambda: says('it is 21.0 m from the vehicle'))
+        until(moved, (31.0, 20.0), lambda: has_said(process, 'it is 21.0 m from the vehicle'))
         until(moved, (11.0, 20.0), lambda: targets[-1].velocity.x == 3.0)
         until(moved, (11.0, 20.0), lambda: any(
             status.level == DiagnosticStatus.OK for status in statuses[-1].status))
@@ -580,8 +553,7 @@ def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_t
 def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(packages, client):
     kind = packages('geographic_msgs', 'GeoPointStamped')
     with node_here('planner', duration=150.0, slots=30, uav1__reference='mavros', **MISSION):
-        status, origin = client.status_of('planner'), kind()
-        paths = client.listen(Path, 'uav1/path')
+        origin, paths = kind(), client.listen(Path, 'uav1/path')
         publisher = client.publisher(kind, 'uav1/mavros/global_position/gp_origin')
 
         def until_said(text, *values):
@@ -590,9 +562,9 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
             def is_said():
                 publisher.publish(origin)
                 time.sleep(0.1)
-                return text in status[-1].message
+                status = client.statuses[-1]
+                return text in status.message and status.level == DiagnosticStatus.WARN
             wait_for(is_said, what=text)
-            assert status[-1].level == DiagnosticStatus.WARN
 
         until_said('the local frame of uav1 is not known: its position is earth-centred (ECEF)',
                    4278990.0, 642970.0, 4670820.0)
@@ -604,7 +576,7 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
             origin.position.latitude, origin.position.longitude = latitude, longitude
             publisher.publish(origin)
             client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
-            return values_of(status[-1]).get('pose_age.uav1/pose', 'none') != 'none'
+            return client.status.get('pose_age.uav1/pose', 'none') != 'none'
         wait_for(is_known)
         client.send_pose('uav1/pose', 100.0, 490.0)
         client.plan_paper()

@@ -1,4 +1,4 @@
-"""When a replan is due and where it begins; the real solver, without a node."""
+"""When a replan is due and where it begins, without a node; and a mission of many replans."""
 
 from dataclasses import replace
 
@@ -6,16 +6,19 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import DEFAULTS, pose_message, stamp_at
+from ros_client import (
+    DEFAULTS, node_process, PATIENCE, pose_message, seconds, set_variance, stamp_at, wait_for)
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
+from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import Arrival, PoseBook
 from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
+from simulation import plan_of, received, Simulation
 
 START = 1000  # of the plan, in s
 
@@ -64,14 +67,23 @@ class Bench:
         else:
             self.published.append((plan, rejoin.effect))
 
-    def add_pose(self, kind, topic, x, y, now):
-        self.poses.take(Arrival(topic, pose_message(kind, x, y), now), DEFAULTS, now)
+    def add_pose(self, kind, topic, x, y, now, variance=0.0):
+        message = pose_message(kind, x, y)
+        if variance:
+            set_variance(message.pose.covariance, variance)
+        self.poses.take(Arrival(topic, message, now), DEFAULTS, now)
 
-    def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
-        """Check at a time of the clock in s from START; the offset in m is the first UAV's."""
+    def check(self, time, eavesdropper=(200.0, 0.0), offset=None, variance=0.0, **settings):
+        """
+        Check at a time of the clock in s from START.
+
+        :param offset: of the first UAV from its plan in m.
+        :param variance: of the eavesdropper's estimate in m^2.
+        """
         now = START + time
         self.add_pose(PoseStamped, 'ground_node/pose', 0, 0, now)
-        self.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now)
+        self.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now,
+                      variance)
         if offset is not None:
             place = Playback(self.plan).at(time).positions[0] + offset
             self.add_pose(Odometry, 'uav1/odom', *place, now)
@@ -106,6 +118,15 @@ def test_a_deviation_is_a_reason_to_plan_again_once_in_every_lead(bench):
     bench.check(36.0, offset=(20.0, 0.0), replan_deviation=5.0)
     assert len(bench.published) == 2 and not bench.refused
     assert [effect for _, effect in bench.published] == [36.0, 42.0]
+
+
+def test_an_eavesdropper_that_moves_or_is_known_less_well_is_a_reason_to_plan_again(bench):
+    bench.check(30.0, (203.0, 0.0), replan_distance=5.0)
+    bench.check(36.0, (206.0, 0.0))  # Nobody asked for replans.
+    assert not bench.published
+    bench.check(36.0, (206.0, 0.0), replan_distance=5.0)
+    bench.check(42.0, (200.0, 0.0), variance=100.0, replan_distance=5.0)
+    assert len(bench.published) == 2 and not bench.refused
 
 
 def test_a_uav_that_cannot_be_met_does_not_prevent_a_replan_for_an_eavesdropper(bench, plan):
@@ -211,3 +232,42 @@ def test_a_replan_that_comes_too_late_for_its_follower_is_refused(bench, left, r
     bench.check(5.0, replan_period=1.0)
     assert len(bench.refused) == refusals and len(bench.published) == 1 - refusals
     assert all(isinstance(error, LateError) for error in bench.refused)
+
+
+def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(client):
+    began, duration = [], 200.0
+
+    def where(now):
+        """Return a place beside the ground node at first, and 250 m away in the end."""
+        share = min(1.0, max(0.0, (now - began[0]) / duration)) if began else 0.0
+        return 60.0 + 190.0 * share, -120.0 * share
+
+    def send(now):
+        stamp = stamp_at(now)
+        client.send_pose('ground_node/pose', 0, 0, stamp=stamp, until_known=False)
+        client.send_estimate('eavesdropper/pose', *where(now), stamp=stamp, until_known=False)
+
+    with node_process('planner', use_sim_time='true', replan_distance=4.0, replan_lead=4.0,
+                      slots=100, pose_timeout=0.0), \
+            Simulation(client, send, speedup=8) as simulation:
+        paths, powers = received(client)
+        wait_for(lambda: client.call('planner/plan').success)
+        began.append(simulation.now)
+        client.follow(lambda: simulation.now)
+        wait_for(lambda: simulation.now > began[0] + duration, patience=10 * PATIENCE,
+                 what='the end of the mission')
+        replans = int(client.status['replans'])
+        assert replans >= 20
+        wait_for(lambda: min(map(len, paths + powers)) > replans, what='the last plan')
+        count = min(map(len, paths + powers))
+    assert {seconds(path.header.stamp) for path in paths[0]} == {seconds(paths[0][0].header.stamp)}
+    scenario = Scenario.paper(duration, slots=100)
+    times = seconds(paths[0][0].header.stamp) + 2.0 * np.arange(1, 101)
+    # Each is a feasible flight over all of the mission.
+    first, *_, flown = (plan_of(scenario, paths, powers, index) for index in range(count))
+    truth = np.array([where(at) for at in times])
+    before, after = (np.maximum(channel.secrecy_rates(
+        scenario, plan.positions, plan.powers, truth), 0).mean() for plan in (first, flown))
+    print(f'secrecy rate without replanning {before:.3f}, with {replans} replans {after:.3f} '
+          'bit/s/Hz')
+    assert after > 1.05 * before

