@@ -106,7 +106,7 @@ def test_markers_are_prisms_between_floor_and_ceiling(plan):
         assert shape.symmetric_difference(shapely.Polygon(zone.vertices)).area < 1e-6
     [rim] = [marker for marker in markers if marker.ns == 'tracking_margin']
     corners = {(point.x, point.y) for point in rim.points}
-    assert corners == {*plan.scenario.keep_in, *(
+    assert corners == {*plan.scenario.boundaries.keep_in, *(
         place for zone in plan.scenario.no_fly_zones
         for place in offset_polygon(zone.vertices, 3.0)[0])}
     assert min(point.z for point in rim.points) == 0.0

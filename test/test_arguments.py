@@ -45,7 +45,7 @@ def list_signatures():
                 yield name, None, inspect.signature(value).parameters
             yield from (
                 (method, value, inspect.signature(getattr(value, method)).parameters)
-                for method in vars(value)
+                for method in dir(value)
                 if method[0] != '_' and method not in HIDDEN and callable(getattr(value, method)))
 
 

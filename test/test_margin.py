@@ -74,10 +74,10 @@ def test_a_margin_offsets_zones_in_height_as_well_and_the_separation_twice():
         [], ['high']]
     [[], [piece]] = Airspace(scenario).obstacles
     assert shapely.box(-3, -3, 23, 23).equals(shapely.Polygon(piece.vertices))
-    assert scenario.keep_apart == 8.0
+    assert scenario.boundaries.keep_apart == 8.0
     normals, offsets = Airspace(scenario).hull
     assert sorted(offsets) == pytest.approx([197, 397, 597, 597])
-    assert replace(scenario, separation=0.0).keep_apart == 0.0
+    assert replace(scenario, separation=0.0).boundaries.keep_apart == 0.0
 
 
 def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
@@ -86,8 +86,8 @@ def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
     fence = ((-200.1, -600.2), (400.3, -600.4), (400.5, 600.6), (-200.7, 600.8))
     scenario = replace(Scenario.paper(), separation=7.7, geofence=fence,
                        no_fly_zones=(NoFlyZone(vertices, name='court'),))
-    assert scenario.keep_out(100.0) == ((vertices, 'court'),)
-    assert (scenario.keep_in, scenario.keep_apart) == (fence, 7.7)
+    assert scenario.boundaries.keep_out(100.0) == ((vertices, 'court'),)
+    assert (scenario.boundaries.keep_in, scenario.boundaries.keep_apart) == (fence, 7.7)
 
 
 def make_team(**fields):
@@ -144,6 +144,7 @@ def test_of_a_fence_that_a_margin_divides_the_part_of_the_first_start_is_kept():
     uavs = tuple(Uav(name, (x, 0.0), (x, 10.0), 50.0, 20.0) for name, x in (
         ('one', 100.0), ('two', 120.0)))
     scenario = make_team(uavs=uavs, geofence=rooms, no_fly_zones=(), tracking_margin=5.5)
-    assert shapely.Polygon(scenario.keep_in).bounds == pytest.approx((57.5, -44.5, 144.5, 44.5))
+    fence = shapely.Polygon(scenario.boundaries.keep_in)
+    assert fence.bounds == pytest.approx((57.5, -44.5, 144.5, 44.5))
     with pytest.raises(ScenarioError, match='one.start .* outside the geofence with the'):
         replace(scenario, uavs=(uavs[1], replace(uavs[0], start=(0.0, 0.0))))

@@ -15,7 +15,6 @@ from secure_uav_planner.mission.fields import Number
 from secure_uav_planner.mission.propagation import reference_snr_db
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.splice import cut_tail
-from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.ros.parameters import Spec
 from strategies import make_crowd
 from test_margin import make_team

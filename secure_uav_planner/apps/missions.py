@@ -108,7 +108,7 @@ def check_mission(options: argparse.Namespace) -> int:
         print(text)
     if (names := find_unseparated_pair(scenario)):
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
-              f'{scenario.margin_text}; set separation, or altitudes that differ',
+              f'{scenario.boundaries.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)
     for note in (*_note_tracks(scenario), *_note_degrees(scenario)):
         print(f'note: {note}', file=sys.stderr)

@@ -271,8 +271,6 @@ class Checked:
     _OWNER: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
-        raise_all(find_field_errors(type(self), {
-            name: value for name, value in vars(self).items() if value is not REQUIRED}))
         raise_all(FieldChecks(type(self), self))
 
     @staticmethod

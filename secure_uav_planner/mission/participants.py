@@ -1,20 +1,23 @@
-"""The participants of a mission: UAVs with their propulsion, eavesdroppers, no-fly zones."""
+"""The participants of a mission: UAVs, receivers, and zones and other boundaries of flights."""
 
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 import math
 from typing import Any
 
 import numpy as np
 
 from .fields import (
-    Block, Checked, checked_by, checked_name, checked_point, checked_text, FieldChecks, Number,
-    number, Pair, Point, RADIUS)
+    Block, Checked, checked_by, checked_name, checked_point, checked_text, FieldChecks, Members,
+    Number, number, Pair, Point, RADIUS)
 from .kinematics import Vehicle
-from .polygons import checked_polygon, Vertices
-from .tracks import checked_track, LEFT_OUT, set_by_track, Track
+from .polygons import checked_polygon, depth, offset_polygon, Vertices
+from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
 from .validation import Array, checked_array
-from ..errors import OptionError, quote
+from ..errors import OptionError, quote, ScenarioError
+
+MAX_NODES = 16
+"""The most ground nodes."""
 
 _ROUNDING = 1e-9
 _VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
@@ -65,6 +68,12 @@ class Eavesdropper(Checked):
         elif item.track is None and item.error_radius is None:
             object.__setattr__(item, 'error_radius', 0.0)
 
+    def at(self, times: Array) -> Array:
+        """Return the disc at times (K,) in s from point 0: x, y and radius, (K, 3) in m."""
+        if self.track is not None:
+            return interpolate(self.track, times)
+        return np.broadcast_to((*self.position, self.error_radius), (len(times), 3))
+
 
 @dataclass(frozen=True)
 class GroundNode(Checked):
@@ -95,6 +104,46 @@ class GroundNode(Checked):
         elif item.track is None and item.position is None:
             checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
                        'there must be a track')
+
+    def at(self, times: Array) -> Array:
+        """Return the place at times (K,) in s from point 0, (K, 2) in m."""
+        if self.track is not None:
+            return interpolate(self.track, times)
+        return np.broadcast_to(self.position, (len(times), 2))
+
+
+class _Single(tuple[GroundNode, ...]):
+    """The ground node that Scenario.ground_node describes, which `replace` may change there."""
+
+
+def checked_nodes(owner: str, name: str, value: Any) -> tuple[GroundNode, ...]:
+    """Return ground nodes as a tuple; none where there is a ground_node."""
+    least = 0 if value == () else 1
+    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(
+        owner, name, value)
+
+
+def unite_ground_nodes(checks: FieldChecks) -> None:
+    """Set ground_nodes of a Scenario by its ground_node, or this by the only one of those."""
+    item, nodes = checks.item, checks.item.ground_nodes
+    if nodes and not isinstance(nodes, _Single):
+        for name in ('ground_node', 'ground_node_track'):
+            if getattr(item, name) is not None:
+                checks.add(name, f'is {quote(getattr(item, name))}; it must be left out where '
+                           'there are ground_nodes')
+        if len(nodes) > 1 or checks or nodes[0] != GroundNode(
+                nodes[0].position, track=nodes[0].track):
+            return
+        object.__setattr__(item, 'ground_node', nodes[0].position)
+        object.__setattr__(item, 'ground_node_track', nodes[0].track)
+    elif item.ground_node_track is not None:
+        set_by_track(checks, 'ground_node', item.ground_node_track)
+    elif item.ground_node is None:
+        checks.add('ground_node', f'is {quote(None)}; it must be two coordinates (x, y) in m, '
+                   'or there must be ground_nodes')
+    if checks.are_right('ground_node'):
+        object.__setattr__(item, 'ground_nodes', _Single([GroundNode(
+            item.ground_node, track=item.ground_node_track)]))
 
 
 @dataclass(frozen=True)
@@ -269,3 +318,60 @@ class NoFlyZone(Checked):
     def is_at(self, altitude: float, margin: float = 0.0) -> bool:
         """Return True if an altitude in m is from floor to ceiling, within a margin in m."""
         return self.floor - margin <= altitude <= self.ceiling + margin
+
+
+@dataclass(frozen=True)
+class Boundaries:
+    """
+    What the flights of a mission keep out of, within and apart, with its tracking_margin.
+
+    :param zones: each NoFlyZone with its name.
+    :param geofence: its vertices in m, or None.
+    :param separation: in m.
+    :param margin: the tracking_margin in m.
+    :param start: of UAV 0, (x, y) in m.
+    """
+
+    zones: tuple[tuple[NoFlyZone, str], ...]
+    geofence: Vertices | None
+    separation: float
+    margin: float
+    start: Point
+
+    def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
+        """Return the zones within the margin of an altitude in m, with their names."""
+        return tuple((zone, name) for zone, name in self.zones
+                     if zone.is_at(altitude, self.margin))
+
+    def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
+        """Return the polygons, vertices in m and name, that no plan enters at an altitude in m."""
+        return tuple((offset_polygon(zone.vertices, self.margin)[0], name)
+                     for zone, name in self.zones_at(altitude))
+
+    @cached_property
+    def keep_in(self) -> Vertices | None:
+        """
+        Polygon that no plan leaves, vertices in m; None without a geofence.
+
+        If the geofence less the margin has several parts, it is the one in which or next to which
+        UAV 0 starts.
+
+        :raises ScenarioError: if it has none.
+        """
+        if self.geofence is None:
+            return None
+        parts = offset_polygon(self.geofence, -self.margin)
+        if not parts:
+            raise ScenarioError(f'tracking_margin is {self.margin:g} m, which leaves nothing of '
+                                'the geofence; it must be smaller', ('tracking_margin',))
+        return max(parts, key=lambda part: float(depth(part, self.start)))
+
+    @property
+    def keep_apart(self) -> float:
+        """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
+        return self.separation + 2 * self.margin if self.separation else 0.0
+
+    @property
+    def margin_text(self) -> str:
+        """Suffix of the name of a limit in messages: the margin, if there is one."""
+        return f' with the tracking_margin of {self.margin:g} m' if self.margin else ''

@@ -1,30 +1,30 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 import math
-import os
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
+from .consistency import (
+    check_accelerations, check_durations, check_ends, check_names, check_sizes, MAX_COUPLINGS,
+    POSITION_TOLERANCE)
 from .fields import (
-    Block, Checked, checked_by, checked_fields, checked_point, checked_truth, FieldChecks, Members,
-    number, Point, raise_all, REQUIRED, WholeNumber)
-from .files import checked_path
+    Block, checked_by, checked_fields, checked_point, checked_truth, FieldChecks,
+    find_field_errors, Members, number, Point, raise_all, REQUIRED, WholeNumber)
 from .geography import Origin
 from .kinematics import DURATION
-from .participants import Eavesdropper, GroundNode, NoFlyZone, Uav
-from .plain import from_plain, to_plain
-from .polygons import checked_polygon, depth, offset_polygon, Vertices
+from .participants import (
+    Boundaries, checked_nodes, Eavesdropper, GroundNode, MAX_NODES, NoFlyZone, Uav,
+    unite_ground_nodes)
+from .polygons import checked_polygon, Vertices
 from .propagation import Channel
-from .tracks import (
-    checked_track, interpolate, LEFT_OUT, ReceiverPlaces, set_by_track, Track)
+from .stored import Stored
+from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
 from .validation import (
-    Array, checked_array, checked_real, is_sequence, make_unique, read_only, to_number)
+    Array, checked_array, is_sequence, make_unique, read_only, to_number)
 from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
-
-MAX_NODES = 16
-"""The most ground nodes."""
 
 MAX_ZONES = 64
 """The most no-fly zones."""
@@ -46,17 +43,6 @@ __all__ = ['Array', 'Channel', 'Eavesdropper', 'GroundNode', 'MAX_COUPLINGS', 'M
            'checked_fields', 'read_only']
 
 
-class _Single(tuple[GroundNode, ...]):
-    """The ground node that Scenario.ground_node describes, which `replace` may change there."""
-
-
-def _checked_nodes(owner: str, name: str, value: Any) -> tuple[GroundNode, ...]:
-    """Return ground nodes as a tuple; none where there is a ground_node."""
-    least = 0 if value == () else 1
-    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(
-        owner, name, value)
-
-
 def _checked_head_starts(owner: str, name: str, values: Any) -> tuple[float, ...]:
     numbers = tuple(map(to_number, values)) if is_sequence(values) else (math.nan,)
     if not all(0.0 <= value <= _MOST_DELIVERED for value in numbers):
@@ -66,16 +52,17 @@ def _checked_head_starts(owner: str, name: str, values: Any) -> tuple[float, ...
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
-    """Make a property of Scenario: a field of all its UAVs, or of all its eavesdroppers."""
+    """Make a property of Scenario: a field of all its members of a kind, infinite for None."""
     def values(scenario: Any) -> Array:
-        return read_only([getattr(member, field) for member in getattr(scenario, members)])
+        fields = [getattr(member, field) for member in getattr(scenario, members)]
+        return read_only([math.inf if value is None else value for value in fields])
 
     values.__doc__ = text
     return cached_property(values)
 
 
 @dataclass(frozen=True)
-class Scenario(Checked):
+class Scenario(Stored):
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
@@ -133,38 +120,25 @@ class Scenario(Checked):
     ground_node_track: Track | None = field(
         default=None, metadata=checked_by(partial(checked_track, radius=False)))
     origin: Origin | None = field(default=None, metadata=checked_by(Block(Origin)))
-    ground_nodes: tuple[GroundNode, ...] = field(default=(), metadata=checked_by(_checked_nodes))
+    ground_nodes: tuple[GroundNode, ...] = field(default=(), metadata=checked_by(checked_nodes))
     head_starts: tuple[float, ...] = field(
         default=(), metadata=checked_by(_checked_head_starts, 'bit/Hz'))
 
     def __post_init__(self) -> None:
+        raise_all(find_field_errors(Scenario, {
+            name: value for name, value in vars(self).items() if value is not REQUIRED}))
         super().__post_init__()
-        raise_all(find_inconsistencies(self))
+        raise_all([
+            *check_names(self.uavs, self.eavesdroppers, self.ground_nodes),
+            *check_sizes(self.uavs, self.slots, self.ground_nodes, self.head_starts),
+            *check_accelerations(self.uavs),
+            *check_ends(self.uavs, self.slot_duration, self.boundaries),
+            *check_durations(self.uavs, self.duration, self.slots)])
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        item = checks.item
-        if not checks.are_right('ground_node', 'ground_node_track', 'ground_nodes'):
-            return
-        nodes = item.ground_nodes
-        if nodes and not isinstance(nodes, _Single):
-            for name in ('ground_node', 'ground_node_track'):
-                if getattr(item, name) is not None:
-                    checks.add(name, f'is {quote(getattr(item, name))}; it must be left out where '
-                               'there are ground_nodes')
-            if len(nodes) > 1 or checks or nodes[0] != GroundNode(
-                    nodes[0].position, track=nodes[0].track):
-                return
-            object.__setattr__(item, 'ground_node', nodes[0].position)
-            object.__setattr__(item, 'ground_node_track', nodes[0].track)
-        elif item.ground_node_track is not None:
-            set_by_track(checks, 'ground_node', item.ground_node_track)
-        elif item.ground_node is None:
-            checks.add('ground_node', f'is {quote(None)}; it must be two coordinates (x, y) in m, '
-                       'or there must be ground_nodes')
-        if checks.are_right('ground_node'):
-            object.__setattr__(item, 'ground_nodes', _Single([GroundNode(
-                item.ground_node, track=item.ground_node_track)]))
+        if checks.are_right('ground_node', 'ground_node_track', 'ground_nodes'):
+            unite_ground_nodes(checks)
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -220,16 +194,17 @@ class Scenario(Checked):
         'uavs', 'average_power', 'Limits P_ave of the mean powers, (U,) in W.')
     peak_powers = _stack_field(
         'uavs', 'peak_power', 'Limits P_peak of the powers of each slot, (U,) in W.')
+    max_energies = _stack_field(
+        'uavs', 'max_energy', 'Largest energies of flights, (U,) in J; infinite without a limit.')
+    max_accelerations = _stack_field(
+        'uavs', 'max_acceleration', 'Largest accelerations, (U,) in m/s^2; likewise.')
+    node_weights = _stack_field('ground_nodes', 'weight', 'Weights of the ground nodes, (G,).')
 
     def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
         """Return the ReceiverPlaces at times (K,) in s from point 0."""
         times = checked_array('times', times, (None,))
-        grounds = np.stack([np.broadcast_to(node.position, (len(times), 2))
-                            if node.track is None else interpolate(node.track, times)
-                            for node in self.ground_nodes])
-        discs = np.stack([np.broadcast_to((*eve.position, eve.error_radius), (len(times), 3))
-                          if eve.track is None else interpolate(eve.track, times)
-                          for eve in self.eavesdroppers])
+        grounds, discs = (np.stack([receiver.at(times) for receiver in receivers])
+                          for receivers in (self.ground_nodes, self.eavesdroppers))
         return ReceiverPlaces(grounds, discs[..., :2], discs[..., 2])
 
     @cached_property
@@ -245,15 +220,10 @@ class Scenario(Checked):
             self.starts, self.goals, *receivers.ground_nodes, *receivers.centres]))
 
     @property
-    def _tracks(self) -> list[Track]:
-        tracks = [*(node.track for node in self.ground_nodes),
-                  *(eve.track for eve in self.eavesdroppers)]
-        return [track for track in tracks if track is not None]
-
-    @property
     def has_tracks(self) -> bool:
         """Whether any receiver moves."""
-        return bool(self._tracks)
+        return any(node.track for node in self.ground_nodes) or any(
+            eve.track for eve in self.eavesdroppers)
 
     @cached_property
     def max_step(self) -> Array:
@@ -271,11 +241,6 @@ class Scenario(Checked):
         return make_unique([node.name for node in self.ground_nodes])
 
     @cached_property
-    def node_weights(self) -> Array:
-        """Weights of the ground nodes, (G,)."""
-        return read_only([node.weight for node in self.ground_nodes])
-
-    @cached_property
     def node_offsets(self) -> Array:
         """Parts of the ground nodes' mean rates by their head_starts, (G,) in bit/s/Hz."""
         return read_only(np.array(self.head_starts or np.zeros(len(self.ground_nodes)))
@@ -287,51 +252,12 @@ class Scenario(Checked):
         return make_unique([zone.name or f'zone {number}'
                            for number, zone in enumerate(self.no_fly_zones, start=1)])
 
-    def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
-        """Return the zones within tracking_margin of an altitude in m, with their names."""
-        checked_real('altitude', altitude)
-        return tuple((zone, name) for zone, name in zip(
-            self.no_fly_zones, self.zone_names, strict=True)
-            if zone.is_at(altitude, self.tracking_margin))
-
-    def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
-        """
-        Return the polygons that a plan may not enter at an altitude in m.
-
-        :return: vertices in m and name of each zone, offset by tracking_margin.
-        """
-        return tuple((offset_polygon(zone.vertices, self.tracking_margin)[0], name)
-                     for zone, name in self.zones_at(altitude))
-
     @cached_property
-    def keep_in(self) -> Vertices | None:
-        """
-        Geofence offset inwards by tracking_margin, which a plan may not leave: vertices in m.
-
-        If that has several parts, it is the one in which or next to which UAV 0 starts. None
-        without a geofence.
-        """
-        if self.geofence is None:
-            return None
-        parts = offset_polygon(self.geofence, -self.tracking_margin)
-        if not parts:
-            raise ScenarioError(f'tracking_margin is {self.tracking_margin:g} m, which leaves '
-                                'nothing of the geofence; it must be smaller',
-                                ('tracking_margin',))
-        return max(parts, key=lambda part: float(depth(part, self.uavs[0].start)))
-
-    @property
-    def keep_apart(self) -> float:
-        """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
-        if self.separation == 0.0:
-            return 0.0
-        return self.separation + 2 * self.tracking_margin
-
-    @property
-    def margin_text(self) -> str:
-        """Suffix of the name of a limit in messages: the tracking_margin, if there is one."""
-        margin = self.tracking_margin
-        return f' with the tracking_margin of {margin:g} m' if margin else ''
+    def boundaries(self) -> Boundaries:
+        """Zones, fence and separation, with the tracking_margin."""
+        return Boundaries(tuple(zip(self.no_fly_zones, self.zone_names, strict=True)),
+                          self.geofence, self.separation, self.tracking_margin,
+                          self.uavs[0].start)
 
     @cached_property
     def end_velocities(self) -> Array:
@@ -339,18 +265,6 @@ class Scenario(Checked):
         free = (math.nan, math.nan)
         return read_only([[uav.start_velocity or free for uav in self.uavs],
                           [uav.goal_velocity or free for uav in self.uavs]])
-
-    @cached_property
-    def max_energies(self) -> Array:
-        """Largest energies of the flights, (U,) in J, infinite without a limit."""
-        return read_only([math.inf if uav.max_energy is None else uav.max_energy
-                          for uav in self.uavs])
-
-    @cached_property
-    def max_accelerations(self) -> Array:
-        """Largest accelerations, (U,) in m/s^2, infinite without a limit."""
-        return read_only([math.inf if uav.max_acceleration is None else uav.max_acceleration
-                          for uav in self.uavs])
 
     @property
     def limits_acceleration(self) -> bool:
@@ -362,35 +276,6 @@ class Scenario(Checked):
         """Whether any UAV has a limit of energy."""
         return any(uav.max_energy is not None for uav in self.uavs)
 
-    def to_dict(self) -> dict[str, Any]:
-        """
-        Return the scenario as plain values of JSON; an infinite ceiling is None.
-
-        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
-        what a track decides.
-        """
-        return to_plain(self)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> 'Scenario':
-        """
-        Return the scenario that to_dict wrote; missing fields take their defaults.
-
-        :raises ScenarioError: for an unknown field, a missing one that has no default, or a
-            wrong value; `further` are the errors of more fields.
-        """
-        return from_plain(cls, data)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """
-        Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
-
-        :raises OSError: when the file cannot be written; an old one is left unchanged.
-        """
-        # Here and not above: its reader of YAML takes time to import.
-        from .formats.mission_file import write_mission
-        write_mission(checked_path(path), self.to_dict())
-
     def plot(self) -> 'Figure':
         """
         Return a map of the mission: starts, goals, ground node, discs, zones and fence.
@@ -401,16 +286,3 @@ class Scenario(Checked):
         with name_missing_package():
             from ..output.picture import draw_scenario
         return draw_scenario(self)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
-        """
-        Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
-
-        It has the fields of Scenario with their units; those with a default may be missing.
-
-        :raises OSError: when the file cannot be read, is no regular file, or is too large.
-        :raises MissionFileError: naming the line and the error; its `problems` are all errors.
-        """
-        from .formats.mission_file import read_mission
-        return read_mission(checked_path(path), cls)

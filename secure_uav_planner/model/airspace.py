@@ -57,14 +57,14 @@ class Airspace:
         These are the convex parts of the zones at its altitude that are not far, and of the
         pockets of a geofence that is not convex: its convex hull without the fence.
         """
-        scenario = self.scenario
-        outside = [] if scenario.keep_in is None else [
-            Obstacle(part, GEOFENCE) for pocket in pockets(scenario.keep_in)
+        boundaries = self.scenario.boundaries
+        outside = [] if boundaries.keep_in is None else [
+            Obstacle(part, GEOFENCE) for pocket in pockets(boundaries.keep_in)
             for part in convex_parts(pocket)]
         return tuple(
-            (*(Obstacle(part, name) for vertices, name in scenario.keep_out(uav.altitude)
+            (*(Obstacle(part, name) for vertices, name in boundaries.keep_out(uav.altitude)
                if name not in self.far for part in convex_parts(vertices)), *outside)
-            for uav in scenario.uavs)
+            for uav in self.scenario.uavs)
 
     @cached_property
     def far(self) -> frozenset[str]:
@@ -81,21 +81,21 @@ class Airspace:
             and not uav.start_velocity == uav.goal_velocity == (0.0, 0.0)))
         mission = shapely.MultiPoint(scenario.landmarks).convex_hull
         return frozenset(name for uav in scenario.uavs
-                         for vertices, name in scenario.keep_out(uav.altitude)
+                         for vertices, name in scenario.boundaries.keep_out(uav.altitude)
                          if shapely.Polygon(vertices).distance(mission) > size)
 
     @cached_property
     def hull(self) -> tuple[Array, Array]:
         """Convex hull of the geofence as n.x <= b: unit normals n (K, 2) outwards, b (K,) in m."""
-        if self.scenario.keep_in is None:
+        if self.scenario.boundaries.keep_in is None:
             return read_only(np.zeros((0, 2))), read_only(np.zeros(0))
-        return half_planes(self.scenario.keep_in)
+        return half_planes(self.scenario.boundaries.keep_in)
 
     @cached_property
     def separations(self) -> Array:
         """Smallest horizontal distance between UAVs at their altitudes, (U, U) in m."""
         heights = self.scenario.altitudes
-        squares = self.scenario.keep_apart**2 - (heights[:, None] - heights)**2
+        squares = self.scenario.boundaries.keep_apart**2 - (heights[:, None] - heights)**2
         return read_only(np.sqrt(np.maximum(squares, 0.0)) * (1 - np.eye(len(heights))))
 
 

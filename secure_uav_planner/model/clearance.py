@@ -218,11 +218,11 @@ class Clearance:
             for number, uav in enumerate(scenario.uavs):
                 self._check_area(number, uav)
         nearest = self.between_uavs if scenario.separation > 0 else None
-        if nearest is not None and nearest.distance < scenario.keep_apart - POSITION_TOLERANCE:
+        least, margin = scenario.boundaries.keep_apart, scenario.boundaries.margin_text
+        if nearest is not None and nearest.distance < least - POSITION_TOLERANCE:
             raise PlanError(
                 f'{nearest.names[0]} and {nearest.names[1]} are {nearest.distance:.9g} m apart '
-                f'{nearest.time:.6g} s after point 0; separation{scenario.margin_text} is '
-                f'{scenario.keep_apart:.9g} m')
+                f'{nearest.time:.6g} s after point 0; separation{margin} is {least:.9g} m')
 
     @cached_property
     def between_uavs(self) -> Approach | None:
@@ -268,7 +268,7 @@ class Clearance:
     @property
     def between_uavs_text(self) -> str:
         """Closest approach of UAVs in words, with the remedy if it is too close."""
-        least, margin = self.between_uavs, self._scenario.margin_text
+        least, margin = self.between_uavs, self._scenario.boundaries.margin_text
         if least is None:
             return ''
         left = margin and f' ({self.uavs_beyond_margin:.1f} m{margin})'
@@ -291,14 +291,14 @@ class Clearance:
 
     def _check_area(self, number: int, uav: Uav) -> None:
         """Check the zones and the fence of one UAV."""
-        scenario, pieces = self._scenario, self._pieces.select_uav(number)
-        zones = scenario.keep_out(uav.altitude)
+        boundaries, pieces = self._scenario.boundaries, self._pieces.select_uav(number)
+        zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
         texts = [f'inside {name}' for _, name in zones]
         # Deeper in a zone than the tolerance, and farther from the fence.
         forbidden = [shape.buffer(-POSITION_TOLERANCE, join_style='mitre') for shape in shapes]
-        if scenario.keep_in is not None:
-            fence = shapely.Polygon(scenario.keep_in)
+        if boundaries.keep_in is not None:
+            fence = shapely.Polygon(boundaries.keep_in)
             shapes.append(fence)
             texts.append('outside the geofence')
             forbidden.append(_bounding_box(pieces, fence).difference(
@@ -314,12 +314,13 @@ class Clearance:
         depths = np.where(shapely.intersects(forbidden[index], points), shapely.distance(
             shapes[index].exterior, points), POSITION_TOLERANCE)
         raise PlanError(f'{uav.name} is {depths.max():.9g} m {texts[index]}'
-                        f'{scenario.margin_text} {times[depths.argmax()]:.6g} s after point 0; '
+                        f'{boundaries.margin_text} {times[depths.argmax()]:.6g} s after point 0; '
                         'it must not be')
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
         """Return the smallest distance of one UAV to a zone at its altitude."""
-        zones, pieces = self._scenario.zones_at(uav.altitude), self._pieces.select_uav(number)
+        zones = self._scenario.boundaries.zones_at(uav.altitude)
+        pieces = self._pieces.select_uav(number)
         if not zones:
             return None
         edges, owners = _list_edges([shapely.Polygon(zone.vertices) for zone, _ in zones])

@@ -121,8 +121,8 @@ def margin_rings(scenario):
         return []
     rings = [_ring(offset_polygon(zone.vertices, margin)[0], zone.vertices)
              for zone in scenario.no_fly_zones if is_obstacle(zone, scenario)]
-    return rings if scenario.keep_in is None else [
-        *rings, _ring(scenario.geofence, scenario.keep_in)]
+    return rings if scenario.boundaries.keep_in is None else [
+        *rings, _ring(scenario.geofence, scenario.boundaries.keep_in)]
 
 
 def _ring(outer, inner):

@@ -339,7 +339,7 @@ def _airspace(scenario: Scenario) -> list[Marker]:
     if scenario.geofence is not None:
         marks.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
                              points=_edges(scenario.geofence, 0.0, high)))
-        margins += _edges(scenario.keep_in, 0.0, high)
+        margins += _edges(scenario.boundaries.keep_in, 0.0, high)
     return marks + ([_marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0),
                              points=margins)] if margin else [])
 

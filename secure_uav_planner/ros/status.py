@@ -213,7 +213,7 @@ def plan_values(plan: Plan) -> dict[str, Any]:
 def closest_approach_text(plan: Plan) -> str:
     """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
     clearance = plan.clearance
-    zones, margin = clearance.to_zones, plan.scenario.margin_text
+    zones, margin = clearance.to_zones, plan.scenario.boundaries.margin_text
     texts = [clearance.between_uavs_text]
     if zones is not None:
         left = margin and f' ({clearance.zones_beyond_margin:.1f} m{margin})'

@@ -132,8 +132,8 @@ class DetourSearch:
 
 def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Detours | None:
     """Return the detours of UAV `index` around the parts of its obstacles; see DetourSearch."""
-    uav = scenario.uavs[index]
-    if _has_too_many_corners(parts) or not parts and scenario.keep_in is None:
+    uav, fence = scenario.uavs[index], scenario.boundaries.keep_in
+    if _has_too_many_corners(parts) or not parts and fence is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
     ends, saved, beside = np.array([uav.start, uav.goal]), np.full(2, SMALLER), 0.0
@@ -154,8 +154,8 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
     outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (
         2 * corners - 1) * (beside + 1e-6 * size)
     cells = shapely.polygons(outlines @ frame_axes(uav) + uav.start)
-    hull = None if scenario.keep_in is None else shapely.Polygon(
-        scenario.keep_in).convex_hull.buffer(SMALLER, join_style='mitre')
+    hull = None if fence is None else shapely.Polygon(fence).convex_hull.buffer(
+        SMALLER, join_style='mitre')
     lengths = bound_path_lengths(parts, hull, ends, cells) - saved[:, None]
     return Detours(low, size, lengths.reshape(2, SIDE, SIDE))
 
@@ -166,15 +166,15 @@ def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
 
 def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
-    scenario = airspace.scenario
+    boundaries = airspace.scenario.boundaries
     # Each alone: a plan may fly between two that touch.
-    solids = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
+    solids = [shapely.Polygon(vertices) for vertices, name in boundaries.keep_out(altitude)
               if name not in airspace.far]
-    if scenario.keep_in is not None:
+    if boundaries.keep_in is not None:
         # A pocket reaches beyond the convex hull, so that no way is left between both.
-        fence = shapely.Polygon(scenario.keep_in)
+        fence = shapely.Polygon(boundaries.keep_in)
         solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
-                   for pocket in pockets(scenario.keep_in)]
+                   for pocket in pockets(boundaries.keep_in)]
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
         for solid in solids

@@ -1,0 +1,103 @@
+"""Scenarios as plain values of JSON and YAML and in files, and back, with all errors at once."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+import math
+import os
+from typing import Any, TypeVar
+
+from .fields import Block, Checked, ErrorList, find_field_errors, raise_all, read_object
+from .files import checked_path
+from .formats.mission_file import read_mission, write_mission
+from .geography import convert_points, Origin
+from ..errors import quote, ScenarioError
+
+_Scenario = TypeVar('_Scenario', bound='Stored')
+
+
+class Stored(Checked):
+    """The Scenario, its only subclass, as plain values and in files."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """
+        Return the scenario as plain values of JSON; an infinite ceiling is None.
+
+        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
+        what a track decides.
+        """
+        data = asdict(self)  # type: ignore[call-overload]
+        for field in ('channel', 'colluding', 'ground_node_track', 'head_starts', 'origin'):
+            if getattr(self, field) == getattr(type(self), field):
+                del data[field]
+        # A ground_node is also the only one of the ground_nodes.
+        del data['ground_nodes' if data['ground_node'] is not None else 'ground_node']
+        if 'ground_node_track' in data:
+            data['ground_node'] = {'track': data.pop('ground_node_track')}
+        for receiver in (*data['eavesdroppers'], *data.get('ground_nodes', ())):
+            decided = ('track',) if receiver['track'] is None else ('position', 'error_radius')
+            for field in decided:
+                receiver.pop(field, None)
+        for zone in data['no_fly_zones']:
+            if math.isinf(zone['ceiling']):
+                zone['ceiling'] = None
+        return dict(data)
+
+    @classmethod
+    def from_dict(cls: type[_Scenario], data: Mapping[str, Any]) -> _Scenario:
+        """
+        Return the scenario that to_dict wrote; missing fields take their defaults.
+
+        :raises ScenarioError: for an unknown field, a missing one that has no default, or a
+            wrong value. `further` are the errors of more fields, or, if these are right, all
+            inconsistencies between them.
+        """
+        if not isinstance(data, Mapping):
+            raise_all(find_field_errors(cls, data))
+        values, errors = dict(data), ErrorList()
+        with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
+            values = convert_points(values, Block(Origin)('', 'origin', values.get('origin')))
+        with errors.collecting():
+            values |= _split_ground_node(values.get('ground_node'))
+        with errors.collecting():
+            scenario = read_object(cls, values)
+        raise_all(errors)
+        return scenario  # type: ignore[no-any-return]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
+
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
+        """
+        write_mission(checked_path(path), self.to_dict())
+
+    @classmethod
+    def load(cls: type[_Scenario], path: str | os.PathLike[str]) -> _Scenario:
+        """
+        Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
+
+        It has the fields of Scenario with their units; those with a default may be missing.
+
+        :raises OSError: when the file cannot be read, is no regular file, or is too large.
+        :raises MissionFileError: naming the line and the error; its `problems` are all errors.
+        """
+        return read_mission(checked_path(path), cls)  # type: ignore[no-any-return]
+
+
+def _split_ground_node(node: Any) -> dict[str, Any]:
+    """
+    Return a ground node's place and track as two fields.
+
+    :param node: a place, or a mapping of position and track.
+    :raises ScenarioError: for such a mapping with other fields, or without both.
+    """
+    if not isinstance(node, Mapping) or 'latitude' in node:
+        return {}
+    for name in node:
+        if name not in ('position', 'track'):
+            raise ScenarioError(f'ground_node has no field {quote(name)}; it has position, track',
+                                ('ground_node', name))
+    if node.get('position') is None and node.get('track') is None:
+        raise ScenarioError('ground_node lacks position, or a track', ('ground_node',))
+    return {'ground_node': node.get('position'), 'ground_node_track': node.get('track')}
