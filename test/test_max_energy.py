@@ -14,6 +14,7 @@ from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
 from secure_uav_planner.model.limits.energy import measure_energies
 from secure_uav_planner.model.problem import Problem
+from secure_uav_planner.optimize.joint import energy, method
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
@@ -45,7 +46,7 @@ def test_the_paper_s_plans_keep_budgets_and_reach_the_best_known_rates(
     plan = solve(make_paper(duration, budget), objective='guaranteed')
     assert plan.guaranteed_rate >= share * reference
     assert (integrate(plan) <= 1.001 * budget).all()
-    assert all(energy.total <= 1.001 * budget for energy in plan.energies)
+    assert all(taken.total <= 1.001 * budget for taken in plan.energies)
 
 
 def test_a_budget_that_is_not_used_up_changes_nothing():
@@ -67,6 +68,24 @@ def make_mission(seed):
                  track=((0.0, 150.0, -100.0, 10.0), (100.0, 150.0, 100.0, 20.0))),)}][seed % 3]
     return replace(Scenario((0.0, 0.0), (Eavesdropper((150.0, 50.0), 10.0),), uavs, 140.0, 70,
                             separation=0.0), **extra)
+
+
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+@pytest.mark.parametrize('place', [(method, '_improve_guaranteed'),
+                                   (energy._PriceSearch, 'find_prices')])
+def test_a_solve_that_ends_early_has_a_plan_within_the_budget(monkeypatch, place, objective):
+    whole = getattr(*place)
+
+    def call_and_cancel(driver, *arguments):
+        if place[0] is not method:  # Else before there is a plan without the budget.
+            whole(driver, *arguments)
+        getattr(driver, 'driver', driver).incumbent.deadline.is_cancelled = True
+        return 'cancelled'
+
+    monkeypatch.setattr(*place, call_and_cancel)
+    plan = solve(make_paper(150.0, 20e3), objective=objective, time_limit=1000.0)
+    assert plan.status == 'cancelled' and plan.rate > 2.3
+    assert (integrate(plan) <= 1.001 * 20e3).all()
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -33,7 +33,6 @@ TURNING, SPEEDING = 0.6, 0.5  # with these shares of the acceleration across and
 FIRST_PRICE = 0.5  # Of a budget, in shares of all that is delivered.
 FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
 PRICES, LATER_PRICES = 8, 4  # The most prices from a start, and from one that keeps budgets.
-BISECTIONS = 8  # Of the way from flights above their budgets to some within.
 UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
 RAISE = 10.0  # By which prices are raised, twice, where they are too low for circles to stay.
 STEPS = 30  # The most Newton steps at a price.
@@ -52,19 +51,36 @@ def improve_within_energy(driver: SolverDriver, free: Incumbent | None) -> Statu
     :raises InfeasibleMissionError: when no flights are found that keep them.
     """
     incumbent = driver.incumbent
-    is_guaranteed = incumbent.objective == 'guaranteed'
-    search = _PriceSearch(
-        driver if is_guaranteed else SolverDriver(incumbent.with_objective('guaranteed')),
-        _descend, incumbent.rate if free is None else free.rate)
-    if free is None:
-        search.improve(search.prices)
-    else:
-        search.explore(free)
-    if not is_guaranteed:
-        plan = search.driver.incumbent
+    search = _build_search(driver, incumbent.rate if free is None else free.rate)
+    plan = search.driver.incumbent
+    try:
+        if free is None:
+            search.improve(search.prices)
+        else:
+            flights, prices = search.begin(free)
+            for x in flights:
+                search.find_prices(x, prices)
+    finally:
         incumbent.try_improve(plan.positions, plan.useful_powers)
+    if incumbent.objective == 'worst_case':
         _PriceSearch(driver, descend_by_exchange, incumbent.rate).improve(search.prices)
     return 'converged'
+
+
+def find_within_energy(driver: SolverDriver) -> Status:
+    """Try the incumbent of a SolverDriver with circles at a high price; see _PriceSearch.begin."""
+    search = _build_search(driver, 0.0)
+    flights, _ = search.begin(driver.incumbent, CIRCLES[:1])
+    for x in flights:
+        driver.try_variables(x)
+    return 'converged'
+
+
+def _build_search(driver: SolverDriver, rate: float) -> '_PriceSearch':
+    """Return a search for problem (P2), which the incumbent of a SolverDriver may have."""
+    incumbent = driver.incumbent
+    return _PriceSearch(driver if incumbent.objective == 'guaranteed' else SolverDriver(
+        incumbent.with_objective('guaranteed')), _descend, rate)
 
 
 def _descend(driver: SolverDriver, x: Array, mu: float) -> Array:
@@ -101,16 +117,20 @@ class _PriceSearch:
         """Improve the incumbent from where it is, from prices on."""
         incumbent = self.driver.incumbent
         x = self._descend_at(prices, [(incumbent.positions, incumbent.powers)], MU)
-        self._find_prices(x[0], prices, LATER_PRICES)
+        self.find_prices(x[0], prices, LATER_PRICES)
 
-    def explore(self, free: Incumbent) -> None:
+    def begin(self, free: Incumbent, circles: Sequence[tuple[float, int]] = CIRCLES
+              ) -> tuple[Array, Array]:
         """
-        Improve the incumbent from the best one without limits, with circles where it hovers.
+        Return flights (S, N, U, 3) from an incumbent with circles where it hovers, and prices.
+
+        At these, each flight keeps all limits; or there is a single one, of each UAV's flight that
+        takes the least.
 
         :raises InfeasibleMissionError: when no flights are found that keep the limits.
         """
-        flights = [add_circles(self._scenario, free.positions, *circle) for circle in CIRCLES]
-        if np.array_equal(flights[0], flights[1]):
+        flights = [add_circles(self._scenario, free.positions, *circle) for circle in circles]
+        if np.array_equal(flights[0], flights[-1]):
             flights = flights[:1]  # No UAV hovers.
         starts = [(flight, free.powers) for flight in flights]
         prices, grid = self.prices, self.driver.grid
@@ -127,10 +147,8 @@ class _PriceSearch:
             raise_all(_refuse_budgets(self._scenario, self._least))
         within = (energies <= self._budgets).all(axis=1)
         # Else of each UAV the flight that takes the least.
-        x = x[within] if within.any() else x[
-            energies.argmin(axis=0), :, np.arange(len(over))].swapaxes(0, 1)[None]
-        for start in x:
-            self._find_prices(start, prices)
+        return x[within] if within.any() else x[
+            energies.argmin(axis=0), :, np.arange(len(over))].swapaxes(0, 1)[None], prices
 
     def _descend_at(self, prices: Array, starts: Sequence[tuple[Array, Array]], mu: float
                     ) -> Array:
@@ -146,7 +164,7 @@ class _PriceSearch:
             raise NumericalError('no flight strictly inside the limits was found')
         return self._descend(driver, np.array(inside), mu)
 
-    def _find_prices(self, x: Array, prices: Array, most: int = PRICES) -> None:
+    def find_prices(self, x: Array, prices: Array, most: int = PRICES) -> None:
         """
         Find prices for which flights use up their budgets.
 
@@ -164,23 +182,12 @@ class _PriceSearch:
                 bounds[end, reached], excesses[end, reached] = prices[reached], excess[reached]
             if not over.any():
                 inside = x
-            elif inside is not None:
-                self.driver.try_variables(self._blend(x, inside))
             start = x if inside is None else inside
             settled = ~over & (-excess * prices <= UNUSED * self._unit)
             if settled.all():
                 break
             prices = np.where(settled, prices, _choose_prices(bounds, excesses))
             x = self._descend_at(prices, [(grid.positions(start), grid.powers(start))], MU)[0]
-
-    def _blend(self, x: Array, inside: Array) -> Array:
-        """Return variables between some and those of flights within budgets, just within."""
-        share, grid = np.array([0.0, 1.0]), self.driver.grid
-        for _ in range(BISECTIONS):
-            blend = x + share.mean() * (inside - x)
-            energies = measure_energies(self._scenario, grid.positions(blend))
-            share[int((energies <= self._budgets).all())] = share.mean()
-        return np.asarray(x + share[1] * (inside - x))
 
     def _propose(self, x: Array, prices: Array) -> Array:
         """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""

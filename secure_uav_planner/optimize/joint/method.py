@@ -5,9 +5,10 @@ Several starts are improved for problem (P2), `multistart.py`; where (P1) is the
 best plans are then improved for it, `exchange.py`. Limits of energy are kept last, `energy.py`.
 """
 
+from contextlib import suppress
 import math
 
-from .energy import improve_within_energy
+from .energy import find_within_energy, improve_within_energy
 from .exchange import improve_by_exchange
 from .interior_point import SolverDriver
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
@@ -48,6 +49,9 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
     incumbent, free = driver.incumbent, None
     if not incumbent.warm or math.isinf(incumbent.rate):
         free = incumbent.without_energy_limits()
+        if math.isfinite(incumbent.deadline.time_left):
+            with suppress(InfeasibleMissionError):  # So that there is a plan if time is short.
+                run_to_end(find_within_energy, driver)
         status = improve(free)
         incumbent.try_improve(free.positions, free.useful_powers)
         if incumbent.problem.keeps_energy(free.positions):
