@@ -18,8 +18,8 @@ from secure_uav_planner.optimize.joint import energy, method
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
+from simulation import plan_of, received
 from strategies import with_uavs
-from test_replan import plan_of, received
 
 
 def make_paper(duration, max_energy=None, **fields):
