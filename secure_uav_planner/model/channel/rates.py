@@ -65,11 +65,16 @@ def ground_rates(scenario: Scenario, positions: Array, powers: Array,
 
 
 def node_ground_rates(scenario: Scenario, positions: Array, powers: Array,
-                      times: Array | None = None, link: FreeSpace | None = None) -> Array:
-    """Return r_k[n] of each ground node, (G, N) in bit/s/Hz; link with flown altitudes."""
+                      times: Array | None = None) -> Array:
+    """Return r_k[n] of each ground node, (G, N) in bit/s/Hz."""
     positions, powers = checked_flight(scenario, positions, powers)
-    link = make_link(scenario, 'ground_node') if link is None else link
-    nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
+    return _compute_node_rates(
+        make_link(scenario, 'ground_node'),
+        find_receivers(scenario, powers.shape[1], times).ground_nodes, positions, powers)
+
+
+def _compute_node_rates(link: FreeSpace, nodes: Array, positions: Array, powers: Array) -> Array:
+    """Return the rates (G, N) of a link to ground nodes, (G, N, 2) in m."""
     return np.stack([compute_rate(link.gain(_squared_norm(positions[:, 1:-1] - node)) * powers)
                      for node in nodes])
 
@@ -109,7 +114,8 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
             strict=True):
         combine(sinr, bound_sinrs(
             link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
-    return node_ground_rates(scenario, positions, powers, times, ground) - convert_sinr(sinr)
+    return _compute_node_rates(
+        ground, receivers.ground_nodes, positions, powers) - convert_sinr(sinr)
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
