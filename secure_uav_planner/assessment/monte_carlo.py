@@ -259,6 +259,6 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))
-        leaks = np.stack(rates[nodes:], axis=-1)
-        leak = combine_leaks(leaks) if scenario.colluding else leaks.max(axis=-1)
-        yield np.broadcast_to(np.stack([rate - leak for rate in rates[:nodes]]), (nodes, draws))
+        leak = (combine_leaks(np.stack(rates[nodes:], axis=-1)) if scenario.colluding else
+                np.max(rates[nodes:], axis=0))
+        yield np.broadcast_to(np.subtract(rates[:nodes], leak), (nodes, draws))

@@ -30,20 +30,18 @@ def list_hovering_places(scenario: Scenario) -> Array:
     grounds, eves, _ = scenario.receivers_at([scenario.duration / 2])
     jammers = np.arange(len(scenario.uavs) - 1)
     places = np.stack([np.concatenate([ground, eves[jammers % len(eves), 0]])
-                       for ground in grounds[list_orders(scenario)[0]]])
+                       for ground in grounds[list_orders(scenario, grounds[:, 0])[0]]])
     return places if len(places) > 1 else places[0]
 
 
-def list_orders(scenario: Scenario) -> list[list[int]]:
+def list_orders(scenario: Scenario, nodes: Array) -> list[list[int]]:
     """
-    Return orders in which to visit the ground nodes, that of the shortest way first.
+    Return orders in which to visit ground nodes (G, 2) in m, that of the shortest way first.
 
     All of up to three nodes; of more, the nearest one next, that reversed, and both with parts
     reversed as long as this makes the way from start to goal shorter.
     """
-    uav = scenario.uavs[0]
-    nodes = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
-    count = len(nodes)
+    uav, count = scenario.uavs[0], len(nodes)
 
     def measure(order: list[int]) -> float:
         return _measure_length(np.stack([uav.start, *nodes[order], uav.goal]))
@@ -89,7 +87,7 @@ def build_flights(problem: Problem, hover: Array,
     for number, uav in enumerate(scenario.uavs):
         check()
         stops = hover[..., number, :].reshape(-1, 2)
-        if np.ptp(stops, axis=0).any():
+        if len(stops) > 1 and np.ptp(stops, axis=0).any():
             positions[number] = _fly_over(problem, number, stops)
             continue
         place = stops[0]

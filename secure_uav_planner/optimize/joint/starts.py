@@ -86,7 +86,7 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     rng = np.random.default_rng(3)
     grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
     stops = np.repeat(places[:, None], len(grounds), axis=1)
-    orders = list_orders(scenario)
+    orders = list_orders(scenario, grounds)
     for number, stop in enumerate(stops):
         if number % 4 == 3:
             stop[:, 0] = rng.dirichlet(np.ones(len(grounds))) @ grounds
