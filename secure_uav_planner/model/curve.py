@@ -24,12 +24,11 @@ _LEAST_SPEED = find_range(Uav, 'max_speed').low
 _LEAST_ACCELERATION = find_range(Uav, 'max_acceleration').low
 _ZERO = 1e-9  # Smaller velocities in m/s, and changes of velocity in a slot, are rounding errors.
 _ROUNDING = 1e-6  # Share by which inferred limits lie above what a flight uses.
-_MOST_TIMES = 2**15  # At which velocities are evaluated at once, for the memory.
 
 GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
 """Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
 
-_PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6  # At the beginning, middle and end of a slot.
 
 HOVERING_SPEED = 0.1
 """Slower than this share of its largest speed, a UAV counts as hovering. At 1 m/s the power of the
@@ -104,6 +103,14 @@ class Curve:
             heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), heading)
         return Motion(position, velocity, acceleration, heading)
 
+    @property
+    def slot_velocities(self) -> tuple[Array, Array]:
+        """Velocities at the beginning and the end of each slot of the curve, (U, M, 2) in m/s."""
+        velocities = self._moves / self._step
+        if self._smooth:
+            return velocities[:, :-1], velocities[:, 1:]
+        return velocities[:, 1:-1], velocities[:, 1:-1]
+
     def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the polyline, by slots."""
         inside = np.clip(nodes, 0, self._last)
@@ -159,23 +166,29 @@ def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, .
     It is the integral of Propulsion.power over the speed of the curve, without what changes of
     velocity and the radio take.
     """
-    members = [(index, uav.propulsion, HOVERING_SPEED * uav.max_speed)
-               for index, uav in enumerate(scenario.uavs) if uav.propulsion is not None]
-    sums = np.zeros((len(scenario.uavs), 2))
-    count = round((curve.end - curve.begin) / curve.piece) if members else 0
-    at_once = max(1, _MOST_TIMES // (len(_PLACES) * len(scenario.uavs)))
-    for first in range(0, count, at_once):
-        pieces = np.arange(first, min(first + at_once, count))
-        times = curve.begin + (pieces[:, None] + (_PLACES + 1) / 2) * curve.piece
-        velocities = curve.at(times.ravel()).velocities
-        speeds = np.linalg.norm(velocities, axis=-1).reshape(-1, *times.shape)
-        for index, propulsion, slow in members:
-            joules = propulsion.power(speeds[index]) * _WEIGHTS * (curve.piece / 2)
-            hovers = speeds[index] < slow
-            sums[index] += joules[hovers].sum(), joules[~hovers].sum()
-    return tuple(
-        None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
-        for uav, (hovering, flying) in zip(scenario.uavs, sums.tolist(), strict=True))
+    energies = integrate_powers(scenario, *curve.slot_velocities, scenario.slot_duration)
+    return tuple(None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
+                 for uav, (hovering, flying) in zip(scenario.uavs, energies.tolist(), strict=True))
+
+
+def integrate_powers(scenario: Scenario, before: Array, after: Array, step: float) -> Array:
+    """
+    Return the energies of UAVs by Simpson's rule in each slot, hovering and flying, (U, 2) in J.
+
+    They are 0 for a UAV without a propulsion.
+
+    :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s, linear in between.
+    :param after: likewise at their ends.
+    :param step: length of a slot in s.
+    """
+    speeds = np.linalg.norm([before, (before + after) / 2, after], axis=-1)
+    energies = np.zeros((len(scenario.uavs), 2))
+    for index, uav in enumerate(scenario.uavs):
+        if uav.propulsion is not None:
+            joules = uav.propulsion.power(speeds[:, index]) * _SIMPSON * step
+            hovers = speeds[:, index] < HOVERING_SPEED * uav.max_speed
+            energies[index] = joules[hovers].sum(), joules[~hovers].sum()
+    return energies
 
 
 def infer_limits(points: Array, step: float, motions: Sequence[Sequence[Array]]

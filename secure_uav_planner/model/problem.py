@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from functools import cached_property
 
-from . import limits
 from .airspace import Airspace, Routes
 from .clearance import Clearance
 from .curve import Curve
@@ -40,9 +39,8 @@ class Problem:
 
     def validate(self, positions: Array, powers: Array) -> None:
         """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.validate."""
-        for limit in limits.LIMITS:  # To which a user may have added one.
-            if not issubclass(limit, LineLimit) and limit.applies_to(self.airspace):
-                limit(self.grid).validate(positions, powers)
+        for limit in self.limits:
+            limit.validate(positions, powers)
 
     def keeps_motion(self, positions: Array) -> bool:
         """Return True if flights (U, N+2, 2) in m keep the limits of speed and acceleration."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from .base import Limit
 from ..airspace import Airspace
-from ..curve import complete_end_moves
+from ..curve import complete_end_moves, integrate_powers
 from ..grid import Grid
 from ...errors import PlanError
 from ...mission.fields import find_range
@@ -50,8 +50,8 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
     moves = np.diff(positions, axis=1) / step
     first, last = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities)
-    return _integrate_powers(
-        scenario, np.concatenate([first[:, None], moves, last[:, None]], axis=1), step)
+    velocities = np.concatenate([first[:, None], moves, last[:, None]], axis=1)
+    return _sum_energies(scenario, velocities, step)
 
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
@@ -66,7 +66,7 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         return scenario.uavs
     moves = np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration
     first, _ = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities)
-    energies = _integrate_powers(
+    energies = _sum_energies(
         scenario, np.concatenate([first[:, None], moves], axis=1), scenario.slot_duration)
     least = find_range(Uav, 'max_energy').low
     return tuple(uav if uav.max_energy is None else replace(
@@ -74,18 +74,10 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         for uav, energy in zip(scenario.uavs, energies.tolist(), strict=True))
 
 
-def _integrate_powers(scenario: Scenario, velocities: Array, step: float) -> Array:
+def _sum_energies(scenario: Scenario, velocities: Array, step: float) -> Array:
     """Return the energies of flights with velocities at the ends of slots, (U, M, 2) in m/s."""
-    middles = (velocities[:, :-1] + velocities[:, 1:]) / 2
-    energies = np.zeros(len(velocities))
-    for index, uav in enumerate(scenario.uavs):
-        if uav.propulsion is not None:
-            ends, middle = (uav.propulsion.power(np.linalg.norm(vectors[index], axis=-1)).sum()
-                            for vectors in (velocities, middles))
-            first, last = uav.propulsion.power(
-                np.linalg.norm(velocities[index, [0, -1]], axis=-1))
-            energies[index] = step * (2 * ends - first - last + 4 * middle) / 6
-    return energies
+    energies = integrate_powers(scenario, velocities[:, :-1], velocities[:, 1:], step)
+    return np.asarray(energies.sum(axis=1))
 
 
 def price_energies(grid: Grid, prices: Array) -> dict[str, Array]:
