@@ -210,23 +210,6 @@ def test_plans_parameter_files_and_campaigns_are_recognised(tmp_path):
         assert text.startswith(f'it is {kind}')
 
 
-LISTS = ['eavesdroppers', 'uavs', 'no_fly_zones']
-PATHS = [*RICH.to_dict(), *(f'{name}/0/{field}' for name in LISTS
-                            for field in RICH.to_dict()[name][0] if field != 'propulsion')]
-VALUES = ['wide', True, {'x': 1}, [[]], -1e300, 10**400, '']
-
-
-@pytest.mark.parametrize('path, value', [
-    (path, VALUES[number % len(VALUES)]) for number, path in enumerate(PATHS)])
-def test_a_wrong_value_is_a_problem_that_names_its_field(tmp_path, path, value):
-    name = path.rpartition('/')[2]
-    if name == 'name' and isinstance(value, str):
-        value = 3
-    data = change_values(RICH.to_dict(), {path: value})
-    problems = load_problems(write_file(tmp_path, json.dumps(data), 'a.json'))
-    assert problems and name.rstrip('s') in problems[0][1], problems
-
-
 @pytest.mark.parametrize('member', [7, None, [], 'uav1'])
 def test_a_wrong_member_does_not_hide_the_errors_of_another(tmp_path, member):
     data = change_values(RICH.to_dict(), {'uavs/0': member, 'uavs/1/start': [2e9, 0.0]})
