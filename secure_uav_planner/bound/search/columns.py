@@ -18,9 +18,6 @@ from ..proof.reachable_set import ReachableSet, Team
 from ..proof.relaxation import unit_circle
 from ...mission.validation import Array
 
-RINGS = (0.01, 0.03, 0.1, 0.3)
-"""Radii of rings of twelve places around a plan's place, in units."""
-
 GRID, COARSE_GRID, SILENT_GRID = (11, 13), (4, 5), (5, 5)
 """Places along and across a set: of candidates, of columns always kept, and of silent ones."""
 
@@ -106,14 +103,6 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     return region.clip(place, np.arange(len(a))[:, None])
 
 
-def sample_rings(region: ReachableSet, centre: Array) -> Array:
-    """Return centres (G, 2) and rings around them, as far as they are in the set, (G, K, 2)."""
-    offset = np.concatenate([[[0.0, 0.0]], *(radius * unit_circle(12) for radius in RINGS)])
-    place = centre[:, None] + offset
-    group = np.arange(len(place))[:, None]
-    return np.asarray(np.where(region.contains(place, group)[..., None], place, centre[:, None]))
-
-
 def sample_powers(region: ReachableSet, power: Array) -> Array:
     """Return powers of a jammer around a plan's, (G,), and up to the peak, (G, 13)."""
     about = np.clip(power, 1e-6 * region.peak, region.peak)[:, None]
@@ -139,7 +128,7 @@ class ColumnPool:
         nearest = region.clip(np.broadcast_to(receivers, (count, *receivers.shape)),
                               np.arange(count)[:, None])
         self._grid = np.concatenate(
-            [sample_grid(region, *GRID), sample_rings(region, places), nearest], 1)
+            [sample_grid(region, *GRID), places[:, None], nearest], 1)
         coarse = np.concatenate([sample_grid(region, *COARSE_GRID), nearest], 1)
         power = np.zeros((count, 1)) if region.transmits else sample_powers(region, powers)
         coarse_power = power if region.transmits else power[:, COARSE_POWERS]
