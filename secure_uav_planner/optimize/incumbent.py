@@ -72,7 +72,8 @@ class Incumbent:
                 return 0.0
         powers = (self.powers if powers is None else
                   self.problem.retract_powers(positions, powers))
-        powers, rates = self._mute_nonpositive_slots(positions, powers)
+        powers, rates = mute_nonpositive_slots(self.scenario, positions, powers, self.objective)
+        rates = np.where(rates > self._negligible, rates, 0.0)
         shares = find_shares(self.scenario, rates)
         rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
         gain = rate - self.rate
@@ -81,11 +82,6 @@ class Incumbent:
         self.positions, self.powers, self.shares, self.rate = positions, powers, shares, rate
         self._rates = (shares * rates).sum(axis=0)
         return gain
-
-    def _mute_nonpositive_slots(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """Return powers, silent where no rate is positive, and rates, 0 where negligible."""
-        powers, rates = mute_nonpositive_slots(self.scenario, positions, powers, self.objective)
-        return powers, np.where(rates > self._negligible, rates, 0.0)
 
     def try_less_jamming(self) -> None:
         """

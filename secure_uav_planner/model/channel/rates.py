@@ -21,10 +21,9 @@ def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -
         checked_array('times', times, (slots,)))
 
 
-def ground_squared_distances(scenario: Scenario, positions: Array,
-                             times: Array | None = None) -> Array:
+def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
     """Return the squared horizontal distances to the first ground node, (U, N) in m^2."""
-    receivers = find_receivers(scenario, positions.shape[1] - 2, times)
+    receivers = find_receivers(scenario, positions.shape[1] - 2)
     return _squared_norm(positions[:, 1:-1] - receivers.ground_nodes[0])
 
 
@@ -40,10 +39,9 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
                      for centres, radii in zip(receivers.centres, receivers.radii, strict=True)])
 
 
-def ground_gains(scenario: Scenario, positions: Array, times: Array | None = None) -> Array:
+def ground_gains(scenario: Scenario, positions: Array) -> Array:
     """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
-    return make_link(scenario, 'ground_node').gain(
-        ground_squared_distances(scenario, positions, times))
+    return make_link(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
