@@ -262,6 +262,11 @@ class Client:
         """Return the values of the planner's last status by key."""
         return self._planner.status
 
+    @property
+    def last_plan(self):
+        """Return the last plan of the planner, or None."""
+        return self._planner.last_plan
+
     def _resend(self):
         for publish, receivers in list(self._poses.values()):
             if all(process.poll() is None for process in receivers):

@@ -441,7 +441,7 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(pac
         def publish(topic, message):
             client.publisher(type(message), topic).publish(message)
 
-        check_abnormal(client, process, publish, topics,
+        check_abnormal(process, publish, topics,
                        lambda: client.call('relay/enable', SetBool, SetBool.Request(data=True)))
 
 

@@ -238,7 +238,7 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(
             client.publisher(type(message), topic, qos).publish(message)
 
         for node, name in ((process, 'replay'), (vehicles, 'vehicles')):
-            check_abnormal(client, node, publish, topics, lambda: client.call(f'{name}/start'))
+            check_abnormal(node, publish, topics, lambda: client.call(f'{name}/start'))
         count = len(poses)
         wait_for(lambda: len(poses) > count + 3)
 

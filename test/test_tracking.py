@@ -1,7 +1,6 @@
 """Tracking of UAVs against their plan, and the rejoin of a replan: the laws, without ROS."""
 
 from dataclasses import replace
-import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +11,6 @@ from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
-from secure_uav_planner.plan.player import Player
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.plan.tracking import (
     AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state,
@@ -127,34 +125,6 @@ def test_the_curve_of_a_uav_in_motion_begins_with_its_state(plan):
         assert begin.velocities[0] == pytest.approx([3.0, -4.0])
         fast = start_from_state(uav, (0.0, 0.0), (30.0, -40.0), 2.0)
         assert fast.start_velocity == pytest.approx((6.0, -8.0))
-
-
-def test_a_plan_made_in_flight_is_spliced_in_without_a_jump(plan):
-    playback, player, step = Playback(plan), Player(), plan.scenario.slot_duration
-    limit = plan.scenario.uavs[0].max_acceleration
-    start = 41.3  # of the new plan, in s from point 0 of the old one
-    effect = start - (step / 2 if limit else 0.0)
-    uavs = tuple(start_from_state(uav, *predict_state(
-        state_at(playback, 36.0, (0.4, 0.4), uav=index), effect, limit, playback, index,
-        TOLERANCE), step) for index, uav in enumerate(plan.scenario.uavs))
-    scenario = replace(plan.scenario, uavs=uavs)
-    player.load(plan)
-    player.start()
-    for now in (playback.begin, 36.0):
-        player.tick(plan.start_ns + round(now * 1e9), longest=math.inf)
-    player.load(replace(solve(scenario, initial=plan), start_ns=plan.start_ns + round(
-        start * 1e9)))
-    before, spliced = player.playback, False
-    moments = []
-    for number in range(1, 1001):
-        moments.append(player.tick(plan.start_ns + round((36.0 + 0.01 * number) * 1e9)))
-        spliced = spliced or player.playback is not before
-    assert spliced
-    moves = np.linalg.norm(np.diff([moment.positions for moment in moments], axis=0), axis=-1)
-    assert moves.max() <= get_limits(plan)[0] * 0.01 * (1 + 1e-6)
-    if limit:
-        turns = np.linalg.norm(np.diff([moment.velocities for moment in moments], axis=0), axis=-1)
-        assert turns.max() <= limit * 0.01 * (1 + 1e-6)
 
 
 def begin_replan(plan, time, states, tolerance=TOLERANCE):
