@@ -172,13 +172,6 @@ def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_p
             planner.send_pose('eve', (0.0, 0.0))
 
 
-def test_it_works_in_a_namespace():
-    with node_process('planner', namespace='/fleet', pose_timeout=0.0):
-        with SecurePlanner(namespace='/fleet') as planner:
-            planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
-            assert planner.plan().scenario.slots == 200
-
-
 EXAMPLES = {'plan_and_fly': 'the flight has ended', 'moving_estimate': 'replan 1 at',
             'pause_and_resume': 'going on at', 'show_in_rviz': 'playing'}
 

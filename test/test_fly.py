@@ -122,23 +122,17 @@ def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():
     assert (again.step() == wind[0]).all()
 
 
-def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_path):
+def test_a_flight_that_is_late_paused_and_pushed_aside_comes_home_and_is_drawn(tmp_path):
+    """Whether setpoints jump then is told by test_player.py and test_stories.py."""
     uav = Uav('lone', (-30.0, 0.0), (30.0, 0.0), 60.0, 12.0, max_acceleration=3.0)
     scenario = Scenario((0.0, 0.0), (Eavesdropper((60.0, 80.0), 10.0),), (uav,), 20.0, 20)
     event = missions.Event('short', ((2.0, 'replay/start'), (5.0, 'replay/pause'),
                                      (7.0, 'replay/start')), push=(9.0, 10.0))
     flown = fly_event(event, scenario)
     found = report.event_report(flown)
-    print(f'\n{report.report_table([found])}')
-    assert found.is_smooth
     # The planner saw the push; here it refuses, since no way back is in time for the goal.
-    assert found.replans + found.refusals > 0
-    # It began late, stood in the pause, was pushed aside and came home.
-    assert flown.times[0] == pytest.approx(2.0, abs=0.1)
-    assert np.diff(flown.plan_times).min() == 0.0
-    assert found.error_max > 10.0
+    assert found.is_smooth and found.replans + found.refusals > 0 and found.error_max > 10.0
     assert flown.places[0, -1] == pytest.approx((30.0, 0.0, 60.0), abs=2.0)
-    assert found.achieved_rate == pytest.approx(found.planned_rate, rel=0.2)
     save_flight(flown, tmp_path / 'event.png')
     assert (tmp_path / 'event.png').read_bytes().startswith(b'\x89PNG')
     # A jump would be found.
@@ -146,15 +140,11 @@ def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_pat
     assert not report.event_report(flown).is_smooth
 
 
-def test_the_missions_are_those_that_can_be_flown():
+def test_the_missions_can_be_flown_and_there_are_as_many_random_ones_as_are_asked_for():
     named = [*missions.paper_missions(), *missions.random_missions(5)]
     assert len({name for name, _ in named}) == len(named) == 9
     for _, scenario in named:
         assert all(uav.max_acceleration in (2.0, 3.0) for uav in scenario.uavs)
-
-
-def test_there_are_as_many_random_missions_as_are_asked_for():
     names = [name for name, _ in missions.random_missions(120)]
-    assert len(set(names)) == 120
-    assert names[:5] == [name for name, _ in missions.random_missions(5)]
+    assert len(set(names)) == 120 and names[:5] == [name for name, _ in named[4:]]
     assert list(missions.random_missions(0)) == []

@@ -1,10 +1,8 @@
 """Followers of a plan over DDS: two that report at once, and one of somebody else."""
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 from processes import ROOT
 from ros_client import node_process, places_of, values_of, wait_for
-from simulation import DEEP
 
 PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': 2.0,
               'uav2__max_acceleration': 2.0, 'replan_deviation': 8.0}
@@ -25,34 +23,32 @@ def test_of_two_followers_the_planner_tracks_one_and_says_so(client):
     apart = [word for name in UAVS for word in ('-r', f'{name}/odom:=second/{name}/odom')]
     with node_process('planner', **PARAMETERS), \
             node_process('replay', '-r', '__node:=second', *apart), node_process('replay'):
-        status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
 
         def time_of_plan():
-            return float(values_of(status[-1]).get('track.time', -1))
+            return float(client.status.get('track.time', -1))
         client.plan_paper()
         wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
         wait_for(lambda: time_of_plan() > 4.0)
-        status.clear()
+        client.statuses.clear()
         wait_for(lambda: client.call('second/start').success)
-        wait_for(lambda: any('followers' in message.message for message in status))
+        wait_for(lambda: any('followers' in status.message for status in client.statuses))
         wait_for(lambda: time_of_plan() > 14.0)
-        times = [float(values_of(message)['track.time']) for message in status]
+        times = [float(values_of(status)['track.time']) for status in client.statuses]
         assert times == sorted(times), times
-        check_on_plan(status, '0')
+        check_on_plan(client.statuses, '0')
 
 
 def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
     program = (ROOT / 'examples/ros/report_time.py').read_text()
     with node_process('planner', duration=120.0, slots=40, replan_period=0.5):
-        status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
         client.plan_paper()
         # A passive subscriber, such as RViz, does not fly: the next plan begins at the start.
         path = client.listen(Path, 'uav1/path')
         assert client.call('planner/plan').success
         wait_for(lambda: path)
         assert places_of(path[-1])[0].tolist() == [100.0, 500.0]
-        assert all('track.time' not in values_of(message) for message in status)
+        assert all('track.time' not in values_of(status) for status in client.statuses)
         with node_process('own_stack', program=program):
-            wait_for(lambda: int(values_of(status[-1])['replans']) > 0, what='a replan')
-            assert values_of(status[-1])['track.state'] == 'flying'
-        wait_for(lambda: 'is silent' in status[-1].message)
+            wait_for(lambda: int(client.status['replans']) > 0, what='a replan')
+            wait_for(lambda: client.status['track.state'] == 'flying')
+        wait_for(lambda: 'is silent' in client.statuses[-1].message)

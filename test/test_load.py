@@ -4,38 +4,30 @@ from contextlib import contextmanager
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import pytest
-from ros_client import Client, memory_settles, node_process, values_of, wait_for
+from ros_client import Client, memory_settles, node_process, pose_message, wait_for
 
 RATE = 200.0  # Hz
-TOPICS = {
-    'ground_node/pose': (PoseStamped, (0.0, 0.0)),
-    'eavesdropper/pose': (PoseWithCovarianceStamped, (200.0, 0.0)),
-    'uav1/pose': (PoseStamped, (100.0, 500.0)),
-    'uav2/pose': (PoseStamped, (100.0, 500.0)),
-}
+POSES = {'ground_node/pose': (0.0, 0.0), 'eavesdropper/pose': (200.0, 0.0),
+         'uav1/pose': (100.0, 500.0), 'uav2/pose': (100.0, 500.0)}
 
 
 @contextmanager
-def poses(client, rate=RATE):
-    """Send poses on each topic at a rate in the background; yield a list of the rounds so far."""
-    publishers = {topic: client.publisher(kind, topic) for topic, (kind, _) in TOPICS.items()}
+def poses(client):
+    """Send poses on each topic in the background; yield a list of the rounds so far."""
+    kinds = {topic: PoseWithCovarianceStamped if topic.startswith('eavesdropper') else PoseStamped
+             for topic in POSES}
+    publishers = {topic: client.publisher(kind, topic) for topic, kind in kinds.items()}
     sent, stop = [0], threading.Event()
 
     def run():
         began = time.monotonic()
         while not stop.is_set():
-            stamp = client.node.get_clock().now().to_msg()
-            for topic, (kind, (x, y)) in TOPICS.items():
-                message = kind()
-                message.header.frame_id, message.header.stamp = 'map', stamp
-                pose = getattr(message.pose, 'pose', message.pose)
-                pose.position.x, pose.position.y, pose.orientation.w = x, y, 1.0
-                publishers[topic].publish(message)
+            for topic, place in POSES.items():
+                publishers[topic].publish(pose_message(kinds[topic], *place, stamp=client.now()))
             sent[0] += 1
-            time.sleep(max(0.0, began + sent[0] / rate - time.monotonic()))
+            time.sleep(max(0.0, began + sent[0] / RATE - time.monotonic()))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -50,13 +42,10 @@ def test_under_load_a_solve_can_be_cancelled_and_the_next_succeeds():
     # Its solve takes far longer than the test.
     long = {'duration': 400.0, 'slots': 3000, 'method': 'alternating', 'time_limit': 0.0}
     with Client() as client, node_process('planner', **long) as process:
-        status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         with poses(client) as sent:
-            status.clear()
             answer = client.ask('planner/plan')
-            wait_for(lambda: status and 'progress.iteration' in values_of(status[-1]),
-                     what='progress')
+            wait_for(lambda: 'progress.iteration' in client.status, what='progress')
             before = sent[0]
             wait_for(lambda: sent[0] > before + 100, what='100 rounds of poses')
             assert not answer.done()

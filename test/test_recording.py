@@ -13,7 +13,7 @@ import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.ros.recording import record
-from secure_uav_planner.ros.topics import LATCHED
+from secure_uav_planner.ros.topics import LATCHED, TOPICS
 import yaml
 
 
@@ -55,24 +55,16 @@ def test_the_command_writes_the_same_recording_on_request(tmp_path):
 
 
 def test_every_topic_of_both_nodes_is_there_with_its_type(read):
-    types = {topic: entries[0][1] for topic, entries in read.items()}
-    expected = {
-        '/ground_node/pose': 'geometry_msgs/msg/PoseStamped',
-        '/eavesdropper/pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
-        '/planner/markers': 'visualization_msgs/msg/MarkerArray',
-        '/planner/status': 'diagnostic_msgs/msg/DiagnosticStatus',
-        '/replay/markers': 'visualization_msgs/msg/MarkerArray',
-        '/replay/secrecy_rate': 'std_msgs/msg/Float64'}
-    for name in ('uav1', 'uav2'):
-        expected.update({
-            f'/{name}/path': 'nav_msgs/msg/Path',
-            f'/{name}/power': 'std_msgs/msg/Float64MultiArray',
-            f'/{name}/trajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
-            f'/{name}/setpoint/pose': 'geometry_msgs/msg/PoseStamped',
-            f'/{name}/setpoint/power': 'std_msgs/msg/Float64',
-            f'/{name}/setpoint/trajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
-            f'/{name}/odom': 'nav_msgs/msg/Odometry'})
-    assert types == expected
+    expected = {'/ground_node/pose': 'PoseStamped', '/eavesdropper/pose':
+                'PoseWithCovarianceStamped'}
+    for node in ('planner', 'replay'):
+        for topic, entry in TOPICS[node, 'pub'].items():
+            for name in ('uav1', 'uav2'):
+                path = topic.replace('<uav>', name).replace('~/', f'/{node}/')
+                expected[f'/{path.lstrip("/")}'] = entry.kind.__name__
+    for topic in ('/diagnostics', '/plan_time'):
+        del expected[topic]
+    assert {topic: entries[0][1].rpartition('/')[2] for topic, entries in read.items()} == expected
 
 
 def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):

@@ -4,10 +4,9 @@ from dataclasses import replace
 import json
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
-from ros_client import node_here, values_of, wait_for
+from ros_client import node_here, wait_for
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
@@ -27,12 +26,12 @@ def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, c
     replace(PLAN, **change).save(file)
     with node_here('planner', plan_file=file) as process:
         paths = client.listen(Path, 'uav2/path')
-        status = client.listen(DiagnosticStatus, 'planner/status')
-        wait_for(lambda: paths and status, what='the restored plan')
-        assert values_of(status[-1])['plan.status'] == change.get('status', PLAN.status)
+        wait_for(lambda: paths and client.statuses, what='the restored plan')
+        assert client.status['plan.status'] == change.get('status', PLAN.status)
         wait_for(lambda: any('ready' in line for line in process.lines))
         assert not any('plan_file' in line for line in process.lines)
-        assert max(map(len, process.lines)) < 1000 and len(status[-1].message) < 1000
+        assert max(map(len, process.lines)) < 1000 and (
+            len(client.statuses[-1].message) < 1000)
 
 
 def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):
