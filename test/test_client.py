@@ -57,7 +57,7 @@ def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():
         with pytest.raises(ClientError, match='cancelled'):
             planner.plan()
         thread.join()
-        with pytest.raises(TimeoutError, match='planner/plan did not answer within 0.5 s'):
+        with pytest.raises(TimeoutError, match='planner/plan did not .* within 0.5 s'):
             planner.plan(timeout=0.5)
         wait_for(lambda: planner.status['state'] == 'idle', what='the end of the solve')
 
@@ -79,7 +79,7 @@ def test_a_planner_that_is_killed_in_a_solve_ends_the_call_at_its_deadline_and_n
                 planner.wait_until(lambda: planner.status.get('state') == 'solving'),
                 process.kill()))
             killer.start()
-            with pytest.raises(TimeoutError, match='planner/plan did not answer within 5 s'):
+            with pytest.raises(TimeoutError, match='planner/plan did not .* within 5 s'):
                 planner.plan(timeout=5.0)
             killer.join()
         with node_process('planner', duration=120.0, slots=40):

@@ -136,22 +136,6 @@ def test_a_plan_for_a_different_team_is_refused(plan):
     bench.run(1.0)
 
 
-def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late():
-    scenario = with_uavs(Scenario.paper(130.0, slots=65), max_acceleration=2.0)
-    plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
-    bench = start_flight(plan, 30.0)
-    then = bench.player.flight.time + 0.2
-    motion = bench.player.playback.curve.at([then])
-    uavs = [start_from_state(uav, tuple(place), tuple(velocity), scenario.slot_duration)
-            for uav, place, velocity in zip(
-                scenario.uavs, motion.positions[:, 0].tolist(), motion.velocities[:, 0].tolist())]
-    new = fly_hover_fly(replace(scenario, uavs=tuple(uavs)))
-    new = replace(new, start_ns=bench.now + round((0.2 - new.curve.begin) * SECOND))
-    bench.run(0.6)
-    assert not bench.player.load(new)
-    assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
-
-
 def test_an_ended_and_an_older_plan_are_never_played_again(plan):
     bench = start_flight(plan, 150.0)
     assert bench.player.ended
@@ -188,19 +172,18 @@ def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
             f'uav2 to be at its start, {distance} m away']
 
 
-def plan_continuation(bench, plan, ahead, start_ns=None, **fields):
+def plan_continuation(bench, plan, ahead):
     """Return a plan that continues the setpoints some seconds ahead."""
     player, slot = bench.player, plan.scenario.slot_duration
     moment = player.playback.at(player.flight.time + player.flight.rate * ahead)
     uavs = tuple(
-        replace(start_from_state(uav, tuple(at.tolist()),
-                                 tuple((velocity * player.flight.rate).tolist()), slot), **fields)
+        start_from_state(uav, tuple(at.tolist()), tuple((velocity * player.flight.rate).tolist()),
+                         slot)
         for uav, at, velocity in zip(
             plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
     next_plan = fly_hover_fly(replace(plan.scenario, uavs=uavs))
     lead = round(-Playback(next_plan).begin * SECOND)
-    return replace(next_plan, start_ns=bench.now + round(ahead * SECOND) + lead
-                   if start_ns is None else start_ns)
+    return replace(next_plan, start_ns=bench.now + round(ahead * SECOND) + lead)
 
 
 def test_a_new_plan_is_spliced_in_at_its_time_without_a_jump(plan):
@@ -211,6 +194,14 @@ def test_a_new_plan_is_spliced_in_at_its_time_without_a_jump(plan):
     bench.run(4.0)
     assert bench.player.playback.plan is next_plan and not bench.refused
     assert bench.lag == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
+    bench = start_flight(plan, 30.0)
+    next_plan = plan_continuation(bench, plan, 0.2)
+    bench.run(0.6)
+    assert not bench.player.load(next_plan)
+    assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
 
 
 @pytest.mark.parametrize('ahead, before', [(6.0, 1.0), (1.0, 0.8)], ids=['early', 'at its time'])
