@@ -45,6 +45,5 @@ def test_two_planners_plan_at_once_each_its_own_mission_and_are_told_apart():
 
         def plans(team):
             return [int(values_of(status)['plans']) for message in list(diagnostics)
-                    for status in message.status if status.name == f'{team}/planner: plan']
-        wait_for(lambda: max(plans('north'), default=0) == 2 and plans('south'))
-        assert max(plans('south')) == 1
+                    for status in message.status if status.name == f'{team[1:]}/planner: plan']
+        wait_for(lambda: [max(plans(team), default=0) for team in teams] == [2, 1])
