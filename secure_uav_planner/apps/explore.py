@@ -77,12 +77,16 @@ textarea { width: 100%; height: 300px; box-sizing: border-box; font: 12px monosp
   #fields { grid-area: 1 / 1 / span 2 } #file { grid-column: span 2 } }
 </style></head><body>{%app_entry%}<footer>{%config%}{%scripts%}{%renderer%}</footer>
 <script>
-// A double click on a shape removes what it stands for.
-addEventListener('mousedown', event => {
+// A double click or tap on a shape removes what it stands for.
+let first = {timeStamp: -Infinity};
+addEventListener('pointerdown', event => {
   const shape = event.target.closest('#map [data-index]');
-  if (shape && event.detail === 2) {
+  const isSecond = shape && event.timeStamp - first.timeStamp < 500
+    && Math.hypot(event.clientX - first.clientX, event.clientY - first.clientY) < 20;
+  if (isSecond) {
     dash_clientside.set_props('removed', {data: [Number(shape.dataset.index), Date.now()]});
   }
+  first = isSecond ? {timeStamp: -Infinity} : event;
 }, true);
 </script></body></html>"""
 
@@ -136,8 +140,7 @@ class Editor:
             if self._solve is None:
                 scenario, self._solve = Scenario.from_dict(self.mission), Future()
                 self.progress = 'planning ...'
-                threading.Thread(
-                    target=self._run, args=(self._solve, scenario), daemon=True).start()
+                threading.Thread(target=self._run, args=(self._solve, scenario)).start()
             return self._solve
 
     def _run(self, future: Future[Plan], scenario: Scenario) -> None:
@@ -145,7 +148,8 @@ class Editor:
             if future is self._solve:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '
                                  f'{iteration.elapsed:.1f} of at most {_TIME_LIMIT:g} s')
-            return future is not self._solve
+            # At the end of the program, too, whose threads may not run on in the kernel.
+            return future is not self._solve or not threading.main_thread().is_alive()
 
         try:
             future.set_result(solve(scenario, on_iteration=report, time_limit=_TIME_LIMIT))
