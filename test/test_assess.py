@@ -19,7 +19,7 @@ from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
-from secure_uav_planner.output.assessment_picture import draw_assessment
+from secure_uav_planner.output.figures import draw_assessment
 from secure_uav_planner.output.tables import assessment_table
 from strategies import random_powers, scenarios
 

@@ -286,7 +286,7 @@ def test_what_cannot_be_drawn_is_a_line_and_the_rest_is_written(tmp_path, monkey
         raise RuntimeError('no font')
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('secure_uav_planner.output.picture.save_picture', fail)
-    monkeypatch.setattr('secure_uav_planner.output.assessment_picture.save_assessment', fail)
+    monkeypatch.setattr('secure_uav_planner.output.figures.save_assessment', fail)
     Scenario.paper(120.0, slots=10).save('mission.yaml')
     assert main(['plan', 'mission.yaml', '--no-baselines', '--bound-time-limit', '0']) == 0
     out, err = capsys.readouterr()

@@ -212,7 +212,7 @@ def assess_plan(options: argparse.Namespace) -> int:
     assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
     print(assessment_table(assessment))
     with drawing_if_possible(file):
-        from ..output.assessment_picture import save_assessment
+        from ..output.figures import save_assessment
         save_assessment(assessment, file)
         print(f'\nwritten: {file}')
     return DONE

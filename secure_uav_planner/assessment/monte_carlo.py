@@ -82,7 +82,7 @@ class Assessment:
         :raises MissingPackageError: when Matplotlib is not installed.
         """
         with name_missing_package():
-            from ..output.assessment_picture import draw_assessment
+            from ..output.figures import draw_assessment
         return draw_assessment(self)
 
     def quantile(self, share: float) -> float:

@@ -1,11 +1,23 @@
-"""Figures with the settings of this package, whatever those of the user are."""
+"""Figures with the settings of this package, and the picture of an assessment."""
 
 from contextlib import contextmanager
 from io import BytesIO
+import math
+from textwrap import wrap
 import warnings
 
 from matplotlib import rcParams, style
 from matplotlib.figure import Figure
+import numpy as np
+
+from .drawing import add_legend, EAVESDROPPER, RATE, style_axes
+
+_SIZE = (9.0, 7.6)
+_DOTS_PER_INCH = 200
+_BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
+_PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
+_LEGEND_WIDTH = 14  # In characters.
+_LEAST_RANGE = 1e-9  # bit/s/Hz; rates within it are drawn in a bin 1 bit/s/Hz wide.
 
 
 @contextmanager
@@ -30,3 +42,72 @@ class Picture(Figure):
         with BytesIO() as file:
             self.savefig(file, format='png')
             return file.getvalue()
+
+
+def save_assessment(assessment, path):
+    """Draw an Assessment into a file; the suffix, such as .png, gives the format."""
+    draw_assessment(assessment).savefig(path, dpi=_DOTS_PER_INCH)
+
+
+@own_settings()
+def draw_assessment(assessment) -> Picture:
+    """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
+    figure = Picture(figsize=_SIZE, layout='constrained')
+    slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
+    slots.set_title(
+        f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
+        f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} '
+        f'{assessment.claim}',
+        fontsize=11, loc='left')
+    promise = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}
+    _draw_slots(slots, assessment, promise)
+    _draw_outages(outages, assessment)
+    _draw_missions(missions, assessment, promise)
+    for axes in (slots, outages, missions):
+        style_axes(axes)
+        add_legend(axes)
+    return figure
+
+
+def _draw_slots(axes, assessment, promise):
+    """Draw the quantiles of the secrecy rate in each slot, and the promised rate."""
+    edges = assessment.plan.times[1:]
+    for low, high, alpha, label in _BANDS:
+        axes.stairs(assessment.fan[high], edges, baseline=assessment.fan[low], fill=True,
+                    color=RATE, alpha=alpha, linewidth=0, label=label)
+    axes.stairs(assessment.fan[2], edges, baseline=None, color=RATE, linewidth=1.8,
+                label='50%')
+    axes.stairs(assessment.promised_rates, edges, baseline=None, **promise)
+    axes.set_xlim(0, edges[-1])
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel('secrecy rate of a slot\n(bit/s/Hz)')
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_outages(axes, assessment):
+    """Draw the outage of each slot, and the promised outage of a guarantee."""
+    edges = assessment.plan.times[1:]
+    axes.stairs(assessment.outages, edges, fill=True, color=EAVESDROPPER, alpha=0.6, label='found')
+    if assessment.plan.scenario.channel.is_guarantee:
+        axes.axhline(assessment.promised_outage, label='promised', **_PROMISED)
+    axes.set_xlim(0, edges[-1])
+    axes.set_ylim(0, max(0.01, 1.15 * max(assessment.outage, assessment.promised_outage)))
+    axes.yaxis.set_major_formatter(lambda share, _: f'{share:.3g}')
+    axes.set_ylabel('outage')
+    axes.set_xlabel('time (s)')
+
+
+def _draw_missions(axes, assessment, promise):
+    """Draw the distribution of the mission's secrecy rate, and the promised rate."""
+    rates = assessment.rates
+    low, high = rates.min(), rates.max()
+    if high - low < _LEAST_RANGE:
+        low, high = low - 0.5, low + 0.5
+    axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=(low, high),
+              color=RATE, alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')
+    for share, dash in ((0.05, ':'), (0.5, '-')):
+        axes.axvline(assessment.quantile(share), color=RATE, linewidth=1.6, linestyle=dash,
+                     label=f'{share:.0%}')
+    axes.axvline(assessment.promised_rate, **promise)
+    axes.set_xlabel('secrecy rate of the mission (bit/s/Hz)')
+    axes.set_ylabel('share of draws')
