@@ -5,13 +5,13 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 import difflib
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 import os
 from pkgutil import resolve_name
 import signal
 import sys
 from typing import Any, NoReturn
 
-from .. import __version__
 from ..errors import (
     brief, MissingPackageError, MissionFileError, name_missing_package, OptionError, PlanFileError,
     PlanningError, quote, ScenarioError, StoppedError)
@@ -20,6 +20,11 @@ from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilots import AUTOPILOTS
 
 NAME = 'secure_uav_planner'
+
+try:
+    VERSION = version(NAME)
+except PackageNotFoundError:
+    VERSION = 'unknown'
 
 NODES = ('planner', 'relay', 'replay')
 """Nodes that the command can run."""
@@ -318,7 +323,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    parser.add_argument('--version', action='version', version=f'%(prog)s {VERSION}')
     commands = parser.add_subparsers(title='commands', metavar='command', required=True)
     for name, (run, about, more, arguments) in _COMMANDS.items():
         command = commands.add_parser(

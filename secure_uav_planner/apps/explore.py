@@ -37,7 +37,7 @@ from ..plan.results import Iteration
 
 _HOST = '127.0.0.1'
 _TIME_LIMIT = 5.0  # Of a solve, in s.
-_PATIENCE = 0.3  # For a plan before the progress is shown instead, in s.
+_PROGRESS_DELAY = 0.3  # s without a plan after which the progress is shown instead.
 _MOST_STEPS = 100  # That can be undone.
 _MISSION, _PLAN = 'mission.yaml', 'plan.json'
 _ADDED = ('eavesdropper', 'jammer', 'zone')
@@ -273,7 +273,7 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
         on_map['layout']['shapes'] = [item.shape for item in list_handles(editor.mission)]
     try:
         future = editor.solve()
-        wait([future], _PATIENCE)
+        wait([future], _PROGRESS_DELAY)
         if not future.done() or editor.solve() is not future:
             return on_map, no_update, editor.progress, editor.problem, ticks + 1
         editor.plan = future.result()

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from .cli import DONE
+from ..assessment import assess
 from ..errors import InfeasibleMissionError, OptionError, PlanningError, ScenarioError
 from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, locate_error
@@ -19,6 +20,7 @@ from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
 from ..model.limits import lift_limits, measure_energies
 from ..model.problem import Problem
+from ..optimize import fly_hover_fly, solve
 from ..output.autopilots import changes
 from ..plan.plan import Plan
 
@@ -101,7 +103,6 @@ def check_mission(options: argparse.Namespace) -> int:
           f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
           f'{scenario.slot_duration:g} s. It can be flown.')
     if not scenario.channel.is_guarantee:
-        from ..assessment import assess
         print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
               f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
     for text in _describe_budgets(scenario):
@@ -168,7 +169,6 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
 def _plan_baseline(path: str) -> tuple[Scenario, Plan]:
     """Return a mission and its fly-hover-fly with any energy; raise an error if it has faults."""
     scenario = load_input(path)
-    from ..optimize import fly_hover_fly, solve
     with locating_errors(path):
         plan = fly_hover_fly(lift_limits(scenario))
         if scenario.limits_energy:

@@ -13,8 +13,12 @@ import signal
 import time
 from typing import Any, TYPE_CHECKING, TypeAlias
 
+from ..assessment import assess
+from ..assessment.monte_carlo import arguments
+from ..bound import explain_refusal, upper_bound
 from ..errors import describe_error, name_missing_package, OptionError, PlanningError
 from ..mission.scenario import Scenario
+from ..optimize import fly_hover_fly, METHODS, solve
 from ..plan.plan import Plan
 from ..plan.results import check_plan
 
@@ -112,10 +116,6 @@ def _make_row(task: Task) -> Row:
 
 
 def _solve_task(task: Task) -> Row:
-    from ..assessment import assess
-    from ..assessment.monte_carlo import arguments
-    from ..bound import explain_refusal, upper_bound
-    from ..optimize import fly_hover_fly, METHODS, solve
     scenario = Scenario.from_dict(task['mission'])
     method, objective, limit = task['method'], task['objective'], task['time_limit']
     if method in METHODS:

@@ -26,7 +26,7 @@ from ..model.airspace import Airspace
 from ..optimize import solve
 from ..optimize.deadline import Check, Deadline, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
-from ..plan.results import Bound, check_plan, Iteration, Progress, Status
+from ..plan.results import Bound, check_plan, Iteration, Status
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
@@ -78,7 +78,7 @@ REPORT_PERIOD = 0.5
 
 def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
                 time_limit: float | None = None,
-                on_progress: Callable[[Progress], bool | None] | None = None) -> Bound:
+                on_progress: Callable[[Iteration], bool | None] | None = None) -> Bound:
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
@@ -92,7 +92,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :param plan: a good Plan of the scenario, from which the search for multipliers starts; by
         default one that solve finds. A better plan may make the bound lower.
     :param time_limit: in s; past it the best bound so far is returned.
-    :param on_progress: called with a Progress after every bound that was proven, and twice a
+    :param on_progress: called with an Iteration after every bound that was proven, and twice a
         second; returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of

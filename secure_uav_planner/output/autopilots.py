@@ -192,33 +192,34 @@ def aerostack2_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     }}
 
 
-def ros_odometry(report: Any) -> Fields:
+def ros_odometry(message: Any) -> Fields:
     """Return the fields of nav_msgs/Odometry for itself."""
-    return {'header': {'stamp': report.header.stamp}, 'pose': report.pose, 'twist': report.twist}
+    return {'header': {'stamp': message.header.stamp}, 'pose': message.pose,
+            'twist': message.twist}
 
 
-def px4_odometry(report: Any) -> Fields:
+def px4_odometry(message: Any) -> Fields:
     """
     Return the fields of nav_msgs/Odometry for px4_msgs/VehicleOdometry.
 
     :raises PoseError: for a frame without north, or an invalid orientation.
     """
-    if report.pose_frame != _POSE_NED or report.velocity_frame not in (
+    if message.pose_frame != _POSE_NED or message.velocity_frame not in (
             _VELOCITY_NED, _VELOCITY_BODY):
         raise PoseError(
-            f'pose_frame is {report.pose_frame} and velocity_frame is {report.velocity_frame}; '
+            f'pose_frame is {message.pose_frame} and velocity_frame is {message.velocity_frame}; '
             f'they must be {_POSE_NED}, and {_VELOCITY_NED} or {_VELOCITY_BODY}')
-    w, x, y, z = map(float, report.q)
+    w, x, y, z = map(float, message.q)
     body = rotation((x, y, z, w), 'q')
-    velocity = _vector(report.velocity)
-    if report.velocity_frame == _VELOCITY_NED:
+    velocity = _vector(message.velocity)
+    if message.velocity_frame == _VELOCITY_NED:
         velocity = _vector(body.inv().apply(velocity))
     ned_axes, frd_axes = _axes()
     x, y, z, w = (ned_axes * body * frd_axes).as_quat().tolist()
-    return {'pose': {'pose': {'position': _xyz(ned(_vector(report.position))),
+    return {'pose': {'pose': {'position': _xyz(ned(_vector(message.position))),
                               'orientation': {**_xyz((x, y, z)), 'w': w}}},
             'twist': {'twist': {'linear': _xyz(_flu(velocity)),
-                                'angular': _xyz(_flu(_vector(report.angular_velocity)))}}}
+                                'angular': _xyz(_flu(_vector(message.angular_velocity)))}}}
 
 
 def aerostack2_odometry(pose: Any, twist: Any) -> Fields:
@@ -272,18 +273,18 @@ class ReferenceSource(NamedTuple):
     debian: str = ''
 
 
-def px4_reference(report: Any) -> Reference:
+def px4_reference(message: Any) -> Reference:
     """Return that in px4_msgs/VehicleLocalPosition, or raise a PoseError if it is not valid."""
-    if not (report.xy_valid and report.xy_global):
-        raise PoseError(f'xy_valid is {report.xy_valid} and xy_global is {report.xy_global}; '
+    if not (message.xy_valid and message.xy_global):
+        raise PoseError(f'xy_valid is {message.xy_valid} and xy_global is {message.xy_global}; '
                         'both must be true')
-    return Reference(report.ref_lat, report.ref_lon, (
-        report.ref_timestamp, report.xy_reset_counter, report.z_reset_counter))
+    return Reference(message.ref_lat, message.ref_lon, (
+        message.ref_timestamp, message.xy_reset_counter, message.z_reset_counter))
 
 
-def mavros_reference(report: Any) -> Reference:
+def mavros_reference(message: Any) -> Reference:
     """Return that in geographic_msgs/GeoPointStamped, or raise a PoseError for metres in it."""
-    place = report.position
+    place = message.position
     if math.hypot(place.latitude, place.longitude, place.altitude) > _EARTH_CENTRED:
         raise PoseError('its position is earth-centred (ECEF) in m, as MAVROS before 2024 sends '
                         'it, and must be in degrees; use a newer MAVROS, or <uav>.origin')

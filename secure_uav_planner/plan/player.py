@@ -22,7 +22,8 @@ from .rate_limit import RateLimit, VELOCITY_JUMP
 from ..errors import OptionError, quote
 from ..model.curve import GAUSS_LEGENDRE
 
-Place = tuple[float, float, float]
+Point3 = tuple[float, float, float]
+"""(x, y, z) in m."""
 
 POSITION_JUMP = 0.01
 """Tolerance of the distance between setpoints in m, beyond max_speed times the time between."""
@@ -269,22 +270,22 @@ class Player:
         if self._latest is not None:
             self._wait_at_start(self._latest)
 
-    def unmet_conditions(self, places: Sequence[Place | None], tolerance: float, speed: float
+    def unmet_conditions(self, positions: Sequence[Point3 | None], tolerance: float, speed: float
                          ) -> list[str]:
         """
         Describe the UAVs that cannot be at the start of the plan, and their distances or times.
 
-        :param places: the measured (x, y, z) of each UAV in m, or None for an unknown one: such a
-            UAV is taken to be at its last setpoint, and is given the time to fly from there.
+        :param positions: the measured one of each UAV, or None for an unknown one: such a UAV is
+            taken to be at its last setpoint, and is given the time to fly from there.
         :param tolerance: largest distance in m of a UAV that is at its start.
         """
         assert self.playback is not None
         starts, scale = self.playback.at(self.playback.begin).positions, max(1.0, speed)
         last, unmet = self._last, []
-        for index, (uav, place) in enumerate(
-                zip(self.playback.plan.scenario.uavs, places, strict=True)):
-            if place is not None:
-                distance = math.dist(place, (*starts[index], uav.altitude))
+        for index, (uav, position) in enumerate(
+                zip(self.playback.plan.scenario.uavs, positions, strict=True)):
+            if position is not None:
+                distance = math.dist(position, (*starts[index], uav.altitude))
                 if not distance <= tolerance:
                     unmet.append(f'{uav.name} to be at its start, {distance:.1f} m away')
             elif last is not None and self._silence is not None:

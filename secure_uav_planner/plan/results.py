@@ -82,10 +82,6 @@ class Iteration:
         return self.rate
 
 
-Progress: TypeAlias = Iteration
-"""The progress of a bound."""
-
-
 class Promise(NamedTuple):
     """
     The first slots of a plan, whose rates are promised.

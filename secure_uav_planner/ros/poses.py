@@ -25,7 +25,7 @@ _LEAST_SPACING = 0.02  # s between the positions that are kept, so that they are
 
 # s by which odometry, which has a velocity, may be older than a pose and count before it; less
 # would let the two take turns where both come steadily.
-_ODOMETRY_PATIENCE = 1.0
+_ODOMETRY_LAG = 1.0
 
 # s after a pose in which no older one replaces it; later, a publisher's clock may have been set
 # back.
@@ -212,7 +212,7 @@ class PoseBook:
             for topic in member_topics(name))
         if odometry is None or pose is None:
             return odometry or pose
-        return odometry if pose.time <= odometry.time + _ODOMETRY_PATIENCE else pose
+        return odometry if pose.time <= odometry.time + _ODOMETRY_LAG else pose
 
     def check(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True) -> None:
         """Raise an error of the class of the first problem, with the text of all, if any."""

@@ -24,7 +24,7 @@ from ..errors import brief, OptionError, ParameterError, PlanningError, quote
 from ..mission.scenario import Eavesdropper, Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
-from ..plan.player import Place, Player
+from ..plan.player import Player, Point3
 from ..plan.tracking import PUNCTUAL
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
@@ -197,7 +197,7 @@ class Replay(Node):
     def _on_odometry(self, topic: str, message: Odometry) -> None:
         self._odometry[topic.partition('/')[0]] = self.get_clock().now().nanoseconds, message
 
-    def _vehicle_position(self, name: str, now_ns: int) -> Place | str:
+    def _vehicle_position(self, name: str, now_ns: int) -> Point3 | str:
         """Return the position of a UAV by its odometry in m, or the missing odometry in words."""
         received, message = self._odometry.get(name, (0, None))
         if message is None or not 0 <= now_ns - received <= _FRESH * 1e9:

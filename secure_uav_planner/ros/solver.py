@@ -36,7 +36,7 @@ class Job:
     is_solve: bool
     stop: threading.Event = field(default_factory=threading.Event)
     progress: Iteration | None = None
-    _reported: float = 0.0  # s
+    _posted: float = 0.0  # s
 
     def check(self) -> None:
         """Raise a StoppedError if the result is no longer wanted."""
@@ -52,8 +52,8 @@ class Job:
         """
         def on_iteration(iteration: Iteration) -> bool:
             self.progress, now = iteration, time.monotonic()
-            if iteration.number == 0 or now - self._reported > _PROGRESS_PERIOD:
-                self._reported = now
+            if iteration.number == 0 or now - self._posted > _PROGRESS_PERIOD:
+                self._posted = now
                 self.on_progress()
             return self.stop.is_set()
 
