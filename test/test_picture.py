@@ -14,7 +14,8 @@ from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Sce
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
-from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
+from secure_uav_planner.output.map import power_level
+from secure_uav_planner.output.picture import draw_plan, save_picture
 import shapely
 from strategies import random_powers, scenarios, with_uavs
 

@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 import numpy as np
 from secure_uav_planner.output.drawing import RATE, uav_color
-from secure_uav_planner.output.picture import draw_ground
+from secure_uav_planner.output.map import draw_ground
 
 _PANELS = {'way': 'way of the setpoint along its path (m)', 'speed': 'speed of the setpoint (m/s)',
            'time': 'time of the plan by its stamps (s)',

@@ -7,7 +7,7 @@ from secure_uav_planner.apps.campaign_file import BASELINES
 from secure_uav_planner.assessment import assess
 from secure_uav_planner.output.drawing import map_extent, style_axes, uav_color
 from secure_uav_planner.output.drawing import scheme_name
-from secure_uav_planner.output.picture import draw_map
+from secure_uav_planner.output.map import draw_map
 from secure_uav_planner.plan.plan import Plan
 
 from .experiments import PROPOSED
