@@ -262,21 +262,35 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
         scenario.node_offsets / scenario.node_weights / unit)
     best, largest = np.eye(nodes)[scaled.argmax(axis=0)].T, scaled.max()
     if largest and (scaled.any(axis=1) | (offsets > 0)).all():
-        best = _solve_program(scaled / largest, offsets / largest)
+        divide = _divide_between_two if nodes == 2 else _solve_program
+        best = divide(scaled / largest, offsets / largest)
     return np.where(rates.any(axis=0), best, 0.0)
+
+
+def _divide_between_two(rates: Array, offsets: Array) -> Array:
+    """Return the shares of two nodes: of the first, the slots worth most to it, until both tie."""
+    total = np.maximum(rates.sum(axis=0), 1e-100)
+    order = np.argsort(-rates[0] / total, kind='stable')
+    ends = np.cumsum(total[order])
+    # Of the second node, if all slots are its.
+    lead = rates[1].sum() + len(order) * (offsets[1] - offsets[0])
+    first = np.empty(len(order))
+    first[order] = np.clip(1.0 + (lead - ends) / total[order], 0.0, 1.0)
+    return np.stack([first, 1.0 - first])
 
 
 def _solve_program(rates: Array, offsets: Array) -> Array:
     # Here, because it takes half a second to import.
-    from scipy.optimize import linprog
-    from scipy.sparse import csr_array, eye_array, hstack, vstack
+    from scipy.optimize import LinearConstraint, milp
+    from scipy.sparse import csc_array
     nodes, slots = rates.shape
-    least = hstack([csr_array(np.eye(nodes)[:, [node]] * -row) for node, row in enumerate(rates)])
-    answer = linprog(
-        np.append(np.zeros(nodes * slots), -1.0), method='highs-ds',
-        A_ub=vstack([hstack([least, np.full((nodes, 1), float(slots))]),
-                     hstack([*[eye_array(slots)] * nodes, csr_array((slots, 1))])]),
-        b_ub=np.append(slots * offsets, np.ones(slots)))
+    number, slot = np.indices(rates.shape)
+    # Each share counts in the mean of its node and in its slot; the least mean in those of all.
+    entries = np.append(np.stack([-rates, np.ones_like(rates)], axis=-1), [float(slots)] * nodes)
+    places = np.append(np.stack([number, nodes + slot], axis=-1), np.arange(nodes))
+    ends = np.append(np.arange(0, 2 * rates.size + 1, 2), len(places))
+    answer = milp(np.append(np.zeros(rates.size), -1.0), constraints=LinearConstraint(
+        csc_array((entries, places, ends)), ub=np.append(slots * offsets, np.ones(slots))))
     shares = np.clip(answer.x[:-1].reshape(nodes, slots), 0.0, 1.0)
     # Slots that the program leaves over, because no node needs them, are nobody's.
     return shares / np.maximum(1.0, shares.sum(axis=0))
