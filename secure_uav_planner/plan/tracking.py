@@ -1,11 +1,12 @@
 """
-Tracking of UAVs against their plan: deviation, prediction of the return, and achieved rate.
+Tracking of UAVs against their plan: its time, deviation, prediction of the return, achieved rate.
 
 The prediction is the law of common autopilots: a UAV flies towards the place of its plan with the
 plan's velocity plus GAIN times its distance, within its own limits of speed and acceleration. With
 an acceleration limit it closes in no faster than it can brake.
 """
 
+from collections import deque
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -25,6 +26,11 @@ GAIN = 1.0
 PUNCTUAL = 0.1
 """Time in s by which a flight may leave the clock that its moving receivers are predicted for."""
 
+SILENCE = 1.0
+"""Time in s without a report of the follower after which the time of the plan stands still."""
+
+_MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
+_STEADY = 0.03  # Largest change of a constant rate in half a second.
 _STEP = 0.05  # Of the prediction, in s.
 _MOST_STEPS = 20000
 _ROUNDING = 1e-8  # s; stamps are whole ns
@@ -58,6 +64,77 @@ class Flight(NamedTuple):
     def is_under_way(self) -> bool:
         """Whether the flight has begun and not ended."""
         return self.state in ('flying', 'held')
+
+
+class FollowerReports:
+    """
+    The reports of one follower about one plan, as pairs of times.
+
+    :param rate: of the plan's time until the second report.
+    """
+
+    def __init__(self, follower: str, identity: str, rate: float) -> None:
+        self.follower, self.identity, self._first_rate = follower, identity, rate
+        self._pairs: deque[tuple[int, int]] = deque()  # Clock and plan in ns.
+
+    def add(self, clock_ns: int, plan_ns: int) -> None:
+        """Add the time of the plan at a time of the clock, both in ns."""
+        if self._pairs and clock_ns < self.last_ns:
+            self._pairs.clear()  # The clock has jumped back.
+        elif self._pairs and clock_ns == self.last_ns:
+            self._pairs.pop()  # It stands, as simulated time may.
+        self._pairs.append((clock_ns, plan_ns))
+        while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
+            self._pairs.popleft()
+
+    @property
+    def has_rate(self) -> bool:
+        """Whether there are two reports, between which the plan has a rate."""
+        return len(self._pairs) > 1
+
+    @property
+    def last_ns(self) -> int:
+        """Time of the last report in ns."""
+        return self._pairs[-1][0]
+
+    @property
+    def plan_ns(self) -> int:
+        """Time of the plan in the last report in ns."""
+        return self._pairs[-1][1]
+
+    def is_current(self, clock_ns: int) -> bool:
+        """Return False if the follower is silent at a time in ns."""
+        return clock_ns - self.last_ns <= SILENCE * 1e9
+
+    def _since_last(self) -> Array:
+        """Return clock and plan relative to the last report, (2, K), for more digits."""
+        return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
+                             for clock, plan in self._pairs])
+
+    def is_steady(self) -> bool:
+        """Return True if the plan is paused, or its rate has been constant over a second."""
+        since, plan = self._since_last() * 1e-9
+        rates = np.diff(plan) / np.diff(since)
+        if len(rates) == 0 or rates[-1] == 0:
+            return True
+        # Medians, because a busy machine takes single stamps late.
+        halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
+                  for begin in (-1.0, -0.5)]
+        if not all(map(len, halves)):
+            return True
+        before, after = map(np.median, halves)
+        return bool(after > 0 and abs(after - before) < _STEADY)
+
+    def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
+        """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
+        (last, plan), rate = self._pairs[-1], self._first_rate
+        if self.has_rate:
+            before = self._pairs[-2]
+            rate = max(0.0, (plan - before[1]) / (last - before[0]))
+        since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
+        if since <= 0:
+            return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, rate
+        return time + rate * min(since, SILENCE), rate if self.is_current(clock_ns) else 0.0
 
 
 class PlanClock(NamedTuple):

@@ -4,7 +4,6 @@ The plan in flight: its progress in plan time, where the UAVs are then, and what
 Only the reports of a follower on `plan_time` say that a plan is flown.
 """
 
-from collections import deque
 from collections.abc import Mapping
 import math
 from typing import Any, NamedTuple
@@ -19,85 +18,12 @@ from ..mission.scenario import Array
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import (
-    AchievedRates, deviation, Flight, MeasuredState, PlanClock, PUNCTUAL)
+    AchievedRates, deviation, Flight, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
-_MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
-_SILENCE = 1.0  # s without a report after which the time of the plan stands still.
 _SAME_TIME = 0.01  # s
-_STEADY = 0.03  # Largest change of a constant rate in half a second.
 _ROUNDING = 1e-6  # s
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
-
-
-class _Reports:
-    """
-    The reports of one follower about one plan, as pairs of times.
-
-    :param rate: of the plan's time until the second report.
-    """
-
-    def __init__(self, follower: str, identity: str, rate: float) -> None:
-        self.follower, self.identity, self._first_rate = follower, identity, rate
-        self._pairs: deque[tuple[int, int]] = deque()  # Clock and plan in ns.
-
-    def add(self, clock_ns: int, plan_ns: int) -> None:
-        if self._pairs and clock_ns < self.last_ns:
-            self._pairs.clear()  # The clock has jumped back.
-        elif self._pairs and clock_ns == self.last_ns:
-            self._pairs.pop()  # It stands, as simulated time may.
-        self._pairs.append((clock_ns, plan_ns))
-        while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
-            self._pairs.popleft()
-
-    @property
-    def has_rate(self) -> bool:
-        """Whether there are two reports, between which the plan has a rate."""
-        return len(self._pairs) > 1
-
-    @property
-    def last_ns(self) -> int:
-        """Time of the last report in ns."""
-        return self._pairs[-1][0]
-
-    @property
-    def plan_ns(self) -> int:
-        """Time of the plan in the last report in ns."""
-        return self._pairs[-1][1]
-
-    def is_current(self, clock_ns: int) -> bool:
-        """Return False if the follower is silent at a time in ns."""
-        return clock_ns - self.last_ns <= _SILENCE * 1e9
-
-    def _since_last(self) -> Array:
-        """Return clock and plan relative to the last report, (2, K), for more digits."""
-        return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
-                             for clock, plan in self._pairs])
-
-    def is_steady(self) -> bool:
-        """Return True if the plan is paused, or its rate has been constant over a second."""
-        since, plan = self._since_last() * 1e-9
-        rates = np.diff(plan) / np.diff(since)
-        if len(rates) == 0 or rates[-1] == 0:
-            return True
-        # Medians, because a busy machine takes single stamps late.
-        halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
-                  for begin in (-1.0, -0.5)]
-        if not all(map(len, halves)):
-            return True
-        before, after = map(np.median, halves)
-        return bool(after > 0 and abs(after - before) < _STEADY)
-
-    def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
-        """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
-        (last, plan), rate = self._pairs[-1], self._first_rate
-        if self.has_rate:
-            before = self._pairs[-2]
-            rate = max(0.0, (plan - before[1]) / (last - before[0]))
-        since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
-        if since <= 0:
-            return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, rate
-        return time + rate * min(since, _SILENCE), rate if self.is_current(clock_ns) else 0.0
 
 
 class _UnknownFlight(NamedTuple):
@@ -153,7 +79,7 @@ class PlanTracking:
 
     def forget_reports(self) -> None:
         """Forget the reports of followers: after a jump of the clock they are of another time."""
-        self._reports: _Reports | None = None
+        self._reports: FollowerReports | None = None
         self._unknown: _UnknownFlight | None = None
         self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
         self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
@@ -194,7 +120,7 @@ class PlanTracking:
                 identity, clock * 1e-9, plan, before is not None and (
                     before.identity == identity and plan > before.plan_ns))
             return
-        if last and follower != last.follower and abs(clock - last.last_ns) <= _SILENCE * 1e9 and (
+        if last and follower != last.follower and abs(clock - last.last_ns) <= SILENCE * 1e9 and (
                 self._is_under_way(last.identity, last.plan_ns)
                 or not self._is_under_way(identity, plan)):
             self._ignored = follower, clock * 1e-9
@@ -202,7 +128,7 @@ class PlanTracking:
         if last is None or (last.follower, last.identity) != (follower, identity):
             # A follower that passes from one plan to the next does not stop.
             rate = 0.0 if last is None else last.at(clock, 0)[1]
-            self._reports = _Reports(follower, identity, rate)
+            self._reports = FollowerReports(follower, identity, rate)
         self._reports.add(clock, plan)
 
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
@@ -285,7 +211,7 @@ class PlanTracking:
     def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan in flight that is not of this planner, or None."""
         unknown = self._unknown
-        return unknown.identity if unknown and 0 <= now - unknown.time <= _SILENCE else None
+        return unknown.identity if unknown and 0 <= now - unknown.time <= SILENCE else None
 
     def check_known(self, now: float) -> None:
         """Raise a SupersededError while a follower flies a plan that this planner lacks."""
@@ -347,7 +273,7 @@ class PlanTracking:
             return problems, {}
         problems += self._promise_problems(flight)
         silence = now - self._last_arrival[0]
-        if flight.is_under_way and silence > _SILENCE:
+        if flight.is_under_way and silence > SILENCE:
             problems.append(
                 f'the follower {quote(self._reports.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
@@ -373,12 +299,12 @@ class PlanTracking:
             problems.append(f'the follower plays plan {unknown}, which this planner does not '
                             'have: it adopts a new plan only after its ~/pause and ~/reset')
         ignored, time = self._ignored or ('', -math.inf)
-        if 0 <= now - time <= _SILENCE:
+        if 0 <= now - time <= SILENCE:
             problems.append(
                 f'two followers report on plan_time: following {quote(self._reports.follower)}, '
                 f'ignoring {quote(ignored)}; stop one')
         received, age = self._last_arrival
-        if now - received <= _SILENCE < abs(age):
+        if now - received <= SILENCE < abs(age):
             problems.append(
                 f'the reports on plan_time are stamped {abs(age):.1f} s in the '
                 f'{"past" if age > 0 else "future"} and do not count: the clocks of the hosts '
