@@ -7,8 +7,10 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
+from processes import ROOT
 import pytest
-from ros_client import Client, node_process, odometry_message, seconds, wait_for
+from ros_client import (
+    Client, node_process, odometry_message, places_of, seconds, values_of, wait_for)
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
@@ -98,7 +100,7 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
     answer = flown.call('replay/start')
     assert answer.success and flown.status['plan.identity'] in answer.message
     wait_for(lambda: time_of_plan(flown) > 5.0 and is_on_its_plan(flown))
-    wait_for(lambda: flown.powers[0][-1].data > 0, what='power in flight')
+    wait_for(lambda: flown.powers[0] and flown.powers[0][-1].data > 0, what='power in flight')
     assert flown.call('replay/pause').success
     # The planner takes a silence for a hold as well, so the reports are compared, too.
     wait_for(lambda: flown.status['track.state'] == 'held' and (
@@ -193,3 +195,19 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
             return stream.has_begun()
         wait_for(is_started, what='setpoints')
         assert math.dist(stream.rows['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1
+
+
+def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
+    program = (ROOT / 'examples/ros/report_time.py').read_text()
+    with node_process('planner', duration=120.0, slots=40, replan_period=0.5):
+        client.plan_paper()
+        # A passive subscriber, such as RViz, does not fly: the next plan begins at the start.
+        path = client.listen(Path, 'uav1/path')
+        assert client.call('planner/plan').success
+        wait_for(lambda: path)
+        assert places_of(path[-1])[0].tolist() == [100.0, 500.0]
+        assert all('track.time' not in values_of(status) for status in client.statuses)
+        with node_process('own_stack', program=program):
+            wait_for(lambda: int(client.status['replans']) > 0, what='a replan')
+            wait_for(lambda: client.status.get('track.state') == 'flying')
+        wait_for(lambda: 'is silent' in client.statuses[-1].message)
