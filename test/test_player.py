@@ -282,6 +282,20 @@ def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(pla
     assert bench.player.playback.plan is revised
 
 
+@pytest.mark.parametrize('jump', [-30.0, 30.0])
+def test_a_jump_of_the_clock_does_not_move_the_setpoints(plan, jump):
+    bench = Bench(plan)
+    bench.player.start()
+    before = bench.run(30.0)
+    bench.now += round(jump * SECOND)
+    after = bench.run(STEP)
+    assert np.linalg.norm(after.positions - before.positions, axis=1).max() <= 5.0 + 1e-9
+    if jump < 0:
+        assert after.positions == pytest.approx(before.positions)
+    bench.run(150.0)
+    assert bench.player.ended and bench.player.largest_jump < 1e-9
+
+
 @pytest.mark.parametrize('step', [STEP, 0.43])
 @pytest.mark.parametrize('speed', [1.0, 40.0])
 def test_the_delivered_information_does_not_depend_on_the_playback_speed(plan, step, speed):
