@@ -234,15 +234,6 @@ def test_eavesdroppers_that_collude_leak_more_than_the_best_and_less_than_all_th
     assert same.guaranteed_rate < same.worst_case_rate
 
 
-def test_one_eavesdropper_has_nobody_to_collude_with():
-    scenario = Scenario.paper(120, slots=40)
-    plans = [solve(replace(scenario, colluding=colluding)) for colluding in (False, True)]
-    assert plans[1].worst_case_rate == pytest.approx(plans[0].worst_case_rate, rel=1e-5)
-    same = Plan(plans[0].scenario, plans[1].positions, plans[1].powers)
-    for rate in ('guaranteed_rate', 'worst_case_rate'):
-        assert getattr(same, rate) == pytest.approx(getattr(plans[1], rate), rel=1e-9)
-
-
 @pytest.mark.parametrize('name', MODELS)
 def test_what_is_proven_for_free_space_only_refuses_other_channels(name):
     scenario = replace(Scenario.paper(120, slots=10), channel=MODELS[name])
@@ -254,15 +245,6 @@ def test_what_is_proven_for_free_space_only_refuses_other_channels(name):
             upper_bound(scenario)
         with pytest.raises(OptionError, match="use 'joint'"):
             solve(scenario, method='alternating')
-
-
-def test_a_bound_for_the_best_eavesdropper_holds_for_those_that_collude():
-    scenario = replace(Scenario.paper(120, slots=10), colluding=True, eavesdroppers=(
-        Eavesdropper((200.0, 0.0), 10.0), Eavesdropper((0.0, 200.0), 10.0)))
-    plan = solve(scenario)
-    assert plan.rate <= upper_bound(scenario, plan=plan).rate
-    with pytest.raises(OptionError, match='colluding'):
-        solve(scenario, method='alternating')
 
 
 @settings(max_examples=10)

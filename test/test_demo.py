@@ -77,13 +77,3 @@ def test_the_demo_flies_the_city_as_well(tmp_path):
     assert plan.worst_case_rate > fly_hover_fly(plan.scenario, 'optimised').worst_case_rate
     for ending in ('png', 'html', 'mcap'):
         assert (tmp_path / f'plan.{ending}').stat().st_size > 10000
-
-
-@pytest.mark.parametrize('mission, reason', [('village', 'village.yaml'), ('x.yaml', 'x.yaml')])
-def test_a_mission_that_there_is_not_is_refused(tmp_path, mission, reason):
-    result = subprocess.run(
-        [sys.executable, '-m', 'examples.demo', '--mission', mission, '--out', tmp_path],
-        capture_output=True, text=True, timeout=600)
-    assert result.returncode == 1
-    assert result.stderr.startswith('demo: ') and reason in result.stderr
-    assert len(result.stderr.splitlines()) == 1

@@ -35,16 +35,6 @@ def test_a_channel_in_two_files_has_the_same_gain_in_both_and_is_planned_for():
     assert len(gains) == 3 and own > 1.02 * free_space > 0.0
 
 
-def test_without_pybind11_an_example_says_what_to_install(tmp_path):
-    (tmp_path / 'pybind11.py').write_text("raise ModuleNotFoundError('', name='pybind11')")
-    result = subprocess.run(
-        [sys.executable, '-c', 'import sys; sys.path.insert(0, sys.argv.pop()); '
-         'import examples.extending.limit', str(tmp_path)], cwd=ROOT, capture_output=True,
-        text=True, env=environment())
-    assert result.returncode == 1 and result.stderr == (
-        'this example needs pybind11: pip install -r examples/requirements.txt\n')
-
-
 def test_a_channel_in_python_alone_is_worth_planning_for():
     free_space, own = run('channel_in_python')
     assert own > 1.02 * free_space > 0.0

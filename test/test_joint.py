@@ -134,12 +134,6 @@ def test_the_worst_eavesdropper_counts_and_not_their_average():
         assert alone.guaranteed_rate > both.guaranteed_rate
 
 
-def test_the_joint_method_beats_the_alternating_one_on_a_team():
-    scenario = team(slots=30)
-    alternating = solve(scenario, method='alternating')
-    assert solve(scenario, method='joint').guaranteed_rate >= alternating.guaranteed_rate
-
-
 @settings(max_examples=8)
 @given(st.floats(0, 2 * np.pi), PLACE)
 def test_turning_and_shifting_the_map_changes_nothing(angle, shift):

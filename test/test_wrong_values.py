@@ -198,7 +198,8 @@ OPTIONS = [
     *((partial(solve, replace(PAPER, **change)), {'method': 'alternating'}, field, "use 'joint'")
       for field, change in (
         ('no_fly_zones', {'no_fly_zones': (NoFlyZone(((800, 0), (810, 0), (810, 10))),)}),
-        ('separation', {'separation': 5.0}),
+        ('separation', {'separation': 5.0}), ('', {
+            'colluding': True, 'eavesdroppers': (STILL, Eavesdropper((9.0, 9.0), name='b'))}),
         ('uavs[0].max_acceleration', {'uavs': accelerate(3.0, 3.0)}),
         ('geofence', {'geofence': ((-900, -900), (900, -900), (0, 5000))}))),
     (partial(solve, make_crowd(32, 32, 1085)), {'method': 'alternating'}, '',
