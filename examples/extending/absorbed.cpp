@@ -3,16 +3,16 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include "channel.hpp"
+#include "link_gains.hpp"
 
 namespace py = pybind11;
 using Reals = std::vector<double>;
 
 // The gain is snr exp(-d^2 / range^2) / (d^2 + H^2).
-class Absorbed : public kernel::Channel {
+class Absorbed : public kernel::LinkGains {
 public:
     Absorbed(Reals snr, Reals squared_altitudes, double range)
-        : Channel(snr.size()), snr_(std::move(snr)),
+        : LinkGains(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)), squared_(range * range) {}
 
     double gain(std::size_t link, double squared) const override {
@@ -31,6 +31,6 @@ private:
 };
 
 PYBIND11_MODULE(absorbed, module) {
-    py::class_<Absorbed, kernel::Channel, std::shared_ptr<Absorbed>>(module, "Absorbed")
+    py::class_<Absorbed, kernel::LinkGains, std::shared_ptr<Absorbed>>(module, "Absorbed")
         .def(py::init<Reals, Reals, double>());
 }

@@ -1,8 +1,8 @@
 """
 Links: the gain from a UAV to a receiver, as a function of the squared horizontal distance.
 
-A channel model is one class here with the methods of FreeSpace, and one of the class Channel in
-`kernel/channel.hpp`, which has the gain's derivatives as well. Each kind of link, from the
+A channel model is one class here with the methods of FreeSpace, and one of the class LinkGains in
+`kernel/link_gains.hpp`, which has the gain's derivatives as well. Each kind of link, from the
 transmitter or a jammer to the ground node or an eavesdropper, has a gain of its own; `make_link`
 says which.
 """
@@ -54,7 +54,7 @@ class FreeSpace:
         """Return the link to a selection of the K receivers, for arrays (..., K, U)."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
-    def compiled(self, receivers: int, uavs: int) -> core.Channel:
+    def compiled(self, receivers: int, uavs: int) -> core.LinkGains:
         """Return the kernel's form of the links from every UAV to every receiver."""
         return core.FreeSpace(*_spread((self.reference_snr, self.squared_altitudes),
                                        receivers, uavs))
@@ -107,7 +107,7 @@ class PathLoss(FreeSpace):
         return replace(self, reference_snr=snr[receivers], losses=losses, steepness=steepness,
                        shift=shift)
 
-    def compiled(self, receivers: int, uavs: int) -> core.Channel:
+    def compiled(self, receivers: int, uavs: int) -> core.LinkGains:
         snr, squared_altitudes, losses, steepness, shift = _spread(
             (self.reference_snr, self.squared_altitudes, self.losses, self.steepness, self.shift),
             receivers, uavs)

@@ -1,7 +1,7 @@
 """
 The compiled kernel: Newton steps of `joint`, the proof of the worst case, and of the bound.
 
-Limits and channel models have a class here and one in Python; `limit.hpp` and `channel.hpp` say
+Limits and channel models have a class here and one in Python; `limit.hpp` and `link_gains.hpp` say
 what the kernel asks of them.
 """
 

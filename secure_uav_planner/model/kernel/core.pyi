@@ -24,17 +24,17 @@ Arguments = Mapping[str, Any]
 TOLERANCE: float
 """How far in bit/s/Hz a proven leak may lie above the largest of the search."""
 
-class Channel:
+class LinkGains:
     """The gains of K U links over the noise power; link k U + u is from UAV u to receiver k."""
 
     def gain(self, link: int, squared: float) -> tuple[float, float, float, float]:
         """Return the gain twice, and its first and second derivative by the squared distance."""
 
-class FreeSpace(Channel):
+class FreeSpace(LinkGains):
     def __init__(self, snr: Array, squared_altitudes: Array) -> None:
         """Make it from SNRs at unit distance and unit power, (K, U), and H^2, (K, U)."""
 
-class PathLoss(Channel):
+class PathLoss(LinkGains):
     def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, steepness: Array,
                  shift: Array, exponent: float, quantile: bool) -> None:
         """Make it as FreeSpace; kappa, 1 with line of sight, steepness per degree, shift (K, U)."""
@@ -43,7 +43,7 @@ class PathLoss(Channel):
         """Return bounds of the first three derivatives of log gain between two distances."""
 
 class Limit:
-    """A limit c > 0 on flights, for `Barrier`."""
+    """A limit c > 0 on flights, for `InteriorPointSolver`."""
 
     def evaluate(self, path: Array, moves: Array, fraction: float) -> dict[str, Any]:
         """
@@ -97,14 +97,14 @@ class FenceLimit(LineLimit):
                  normals: Array, offsets: Array) -> None:
         """Make it with the normals (G, 2) and offsets (G,) of sides."""
 
-class Barrier:
+class InteriorPointSolver:
     def __init__(self, arguments: Arguments, x: Array, shares: Array, mu: Array,
                  finished: Flags) -> None:
         """
         Make Newton's method on a barrier function, for starts that it changes in place.
 
         :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
-            Limit), `channel`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
+            Limit), `gains`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
             (U,), `weights` of the ground nodes and `offsets` of their mean rates in nats (G,),
             `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds to
             distances, (N, K), and `places`, None for (P2), or

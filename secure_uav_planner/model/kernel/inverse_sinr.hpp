@@ -17,7 +17,7 @@
 #include <memory>
 #include <vector>
 
-#include "channel.hpp"
+#include "link_gains.hpp"
 #include "numbers.hpp"
 
 namespace kernel {

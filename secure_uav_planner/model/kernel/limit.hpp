@@ -9,6 +9,8 @@ namespace kernel {
 
 using Reals = std::vector<double>;
 
+constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a step may go.
+
 struct Point {
     double x, y;
 };
@@ -95,7 +97,8 @@ protected:
 };
 
 // Lower a step length until the step takes at most a fraction of a slack away.
-inline void limit_step(double& length, double slack, double slope, double fraction) {
+inline void limit_step(double& length, double slack, double slope,
+                       double fraction = FRACTION_TO_BOUNDARY) {
     const double most = fraction * slack;
     if (-slope * length > most) length = most / -slope;
 }

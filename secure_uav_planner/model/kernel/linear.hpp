@@ -130,75 +130,10 @@ public:
     // (R), to the Hessian.
     bool solve(const double* gradient, const double* ratios, double* step,
                const std::atomic<bool>& stop) {
-        const int R = rows_, sides = 1 + R;
-        const std::size_t columns = slots_ * size(), variables = slots_ * width();
         if (!is_finite(band.data(), band.size()) || !factor_positive_definite(stop)) return false;
-        const auto set_right = [&](std::size_t i, double* right) {
-            right[0] = -gradient[i];
-            std::copy(&rows[i * R], &rows[i * R] + R, right + 1);
-        };
-        for (std::size_t i = 0; i < columns; ++i) set_right(i, &right_[i * sides]);
-        std::fill(right_.begin() + columns * sides, right_.end(), 0.0);
-        for (std::size_t i = columns; i < variables; ++i)
-            set_right(i, &share_right_[(i - columns) * sides]);
-        for (std::size_t n = 0; n < slots_; ++n)
-            for_pivots(n, [&](int j, const double* multipliers) {
-                const double* row = share_right(n, j);
-                for (int i = 0; i < j; ++i) {
-                    double* to = i < size() ? &right_[(n * size() + i) * sides]
-                                            : share_right(n, i);
-                    for (int s = 0; s < sides; ++s) to[s] -= multipliers[i] * row[s];
-                }
-            });
-        with_bandwidth([this](auto below) {
-            const auto divide = rows_ == UAVS ? divide_by_lower<below.value, UAVS ? UAVS + 1 : 0>
-                                              : divide_by_lower<below.value, 0>;
-            divide(factor_.data(), slots_ * size(), below_, right_.data(), 1 + rows_);
-        });
-        // Woodbury's formula for the rows, before dividing by L^T.
-        double* products = space_.data();
-        double* right = products + R * R;
-        std::fill(products, right + R, 0.0);
-        const auto add_products = [&](const double* row, double inverse) {
-            for (int u = 0; u < R; ++u) {
-                const double scaled = row[1 + u] * inverse;
-                right[u] += scaled * row[0];
-                for (int s = 0; s <= u; ++s) products[u * R + s] += scaled * row[1 + s];
-            }
-        };
-        for (std::size_t i = 0; i < columns; ++i)
-            add_products(&right_[i * sides], factor_[i * height()]);
-        for (std::size_t n = 0; n < slots_; ++n)
-            for_pivots(n, [&](int j, const double* multipliers) {
-                add_products(share_right(n, j), multipliers[j]);
-            });
-        for (int u = 0; u < R; ++u) {
-            for (int s = 0; s < u; ++s) products[s * R + u] = products[u * R + s];
-            products[u * R + u] += ratios[u];
-        }
-        if (!solve_dense(products, right, R)) return false;
-        const auto scale = [&](const double* row, double inverse) {
-            double change = row[0];
-            for (int u = 0; u < R; ++u) change -= row[1 + u] * right[u];
-            return change * inverse;
-        };
-        for (std::size_t i = 0; i < columns; ++i)
-            step[i] = scale(&right_[i * sides], factor_[i * height()]);
-        with_bandwidth([this, step](auto below) {
-            divide_by_upper<below.value>(factor_.data(), slots_ * size(), below_, step);
-        });
-        for (std::size_t n = 0; n < slots_; ++n)
-            for (int j = size(); j < width(); ++j) {
-                const double* multipliers = pivot_row(n, j);
-                double change = scale(share_right(n, j), multipliers[j]);
-                for (int i = 0; i < j; ++i)
-                    change -= multipliers[i] * step[i < size() ? n * size() + i
-                                                               : share_index(n, i)];
-                step[share_index(n, j)] = change;
-            }
-        return is_finite(step, variables);
+        return rows_ == UAVS ? solve_factored<UAVS>(gradient, ratios, step)
+                             : solve_factored<0>(gradient, ratios, step);
     }
-
     std::vector<double> blocks;  // The objective's Hessian by slots, (N, 3 U + S, 3 U + S).
     std::vector<double> band;    // The Hessian with the limits' terms, by columns.
     std::vector<double> rows;    // By variables, (N (3 U + S), R).
@@ -253,6 +188,76 @@ private:
             for (int i = 0; i < j; ++i) row[i] *= inverse;
             row[j] = inverse;
         }
+    }
+
+    // For a number of rows that is known when compiling, or for any (ROWS = 0).
+    template <int ROWS>
+    bool solve_factored(const double* gradient, const double* ratios, double* step) {
+        const int R = ROWS ? ROWS : rows_, sides = 1 + R;
+        const std::size_t columns = slots_ * size(), variables = slots_ * width();
+        const auto set_right = [&](std::size_t i, double* right) {
+            right[0] = -gradient[i];
+            for (int s = 0; s < R; ++s) right[1 + s] = rows[i * R + s];
+        };
+        for (std::size_t i = 0; i < columns; ++i) set_right(i, &right_[i * sides]);
+        std::fill(right_.begin() + columns * sides, right_.end(), 0.0);
+        for (std::size_t i = columns; i < variables; ++i)
+            set_right(i, &share_right_[(i - columns) * sides]);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for_pivots(n, [&](int j, const double* multipliers) {
+                const double* row = share_right(n, j);
+                for (int i = 0; i < j; ++i) {
+                    double* to = i < size() ? &right_[(n * size() + i) * sides]
+                                            : share_right(n, i);
+                    for (int s = 0; s < sides; ++s) to[s] -= multipliers[i] * row[s];
+                }
+            });
+        with_bandwidth([this](auto below) {
+            divide_by_lower<below.value, ROWS ? ROWS + 1 : 0>(
+                factor_.data(), slots_ * size(), below_, right_.data(), 1 + rows_);
+        });
+        // Woodbury's formula for the rows, before dividing by L^T.
+        double* products = space_.data();
+        double* right = products + R * R;
+        std::fill(products, right + R, 0.0);
+        const auto add_products = [&](const double* row, double inverse) {
+            for (int u = 0; u < R; ++u) {
+                const double scaled = row[1 + u] * inverse;
+                right[u] += scaled * row[0];
+                for (int s = 0; s <= u; ++s) products[u * R + s] += scaled * row[1 + s];
+            }
+        };
+        for (std::size_t i = 0; i < columns; ++i)
+            add_products(&right_[i * sides], factor_[i * height()]);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for_pivots(n, [&](int j, const double* multipliers) {
+                add_products(share_right(n, j), multipliers[j]);
+            });
+        for (int u = 0; u < R; ++u) {
+            for (int s = 0; s < u; ++s) products[s * R + u] = products[u * R + s];
+            products[u * R + u] += ratios[u];
+        }
+        if (!solve_dense(products, right, R)) return false;
+        const auto scale = [&](const double* row, double inverse) {
+            double change = row[0];
+            for (int u = 0; u < R; ++u) change -= row[1 + u] * right[u];
+            return change * inverse;
+        };
+        for (std::size_t i = 0; i < columns; ++i)
+            step[i] = scale(&right_[i * sides], factor_[i * height()]);
+        with_bandwidth([this, step](auto below) {
+            divide_by_upper<below.value>(factor_.data(), slots_ * size(), below_, step);
+        });
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int j = size(); j < width(); ++j) {
+                const double* multipliers = pivot_row(n, j);
+                double change = scale(share_right(n, j), multipliers[j]);
+                for (int i = 0; i < j; ++i)
+                    change -= multipliers[i] * step[i < size() ? n * size() + i
+                                                               : share_index(n, i)];
+                step[share_index(n, j)] = change;
+            }
+        return is_finite(step, variables);
     }
 
     // Replace the block of a slot by the nearest that is positive semidefinite.

@@ -4,11 +4,11 @@
 #include <memory>
 
 #include "array.hpp"
-#include "channel.hpp"
+#include "link_gains.hpp"
 
 namespace py = pybind11;
 
-void add_barrier(py::module_& module);      // barrier.cpp
+void add_interior_point(py::module_& module);      // interior_point.cpp
 void add_bound_boxes(py::module_& module);  // bound_boxes.cpp
 void add_bound_dual(py::module_& module);   // bound_dual.cpp
 void add_discs(py::module_& module);        // discs.cpp
@@ -44,10 +44,10 @@ py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, doub
     return py::make_tuple(bounds.first, bounds.second, bounds.third);
 }
 
-py::tuple find_gain(const kernel::Channel& channel, std::size_t link, double squared) {
-    expect(link < channel.links(), "link");
-    const kernel::Gain gain = channel.derivatives(link, squared);
-    return py::make_tuple(channel.gain(link, squared), gain.value, gain.first, gain.second);
+py::tuple find_gain(const kernel::LinkGains& gains, std::size_t link, double squared) {
+    expect(link < gains.links(), "link");
+    const kernel::Gain gain = gains.derivatives(link, squared);
+    return py::make_tuple(gains.gain(link, squared), gain.value, gain.first, gain.second);
 }
 
 }  // namespace
@@ -55,14 +55,14 @@ py::tuple find_gain(const kernel::Channel& channel, std::size_t link, double squ
 PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
     module.doc() = "Newton steps, the limits in them, the proof of the worst case and the bound.";
     module.attr("sources") = KERNEL_SOURCES;
-    py::class_<kernel::Channel, std::shared_ptr<kernel::Channel>>(module, "Channel")
+    py::class_<kernel::LinkGains, std::shared_ptr<kernel::LinkGains>>(module, "LinkGains")
         .def("gain", &find_gain);
-    py::class_<kernel::FreeSpace, kernel::Channel, std::shared_ptr<kernel::FreeSpace>>(
+    py::class_<kernel::FreeSpace, kernel::LinkGains, std::shared_ptr<kernel::FreeSpace>>(
         module, "FreeSpace").def(py::init(&make_free_space));
-    py::class_<kernel::PathLoss, kernel::Channel, std::shared_ptr<kernel::PathLoss>>(
+    py::class_<kernel::PathLoss, kernel::LinkGains, std::shared_ptr<kernel::PathLoss>>(
         module, "PathLoss").def(py::init(&make_path_loss)).def("bound_log_gain", &bound_log_gain);
     add_limits(module);
-    add_barrier(module);
+    add_interior_point(module);
     add_discs(module);
     add_bound_boxes(module);
     add_bound_dual(module);

@@ -7,13 +7,11 @@
 #include <memory>
 #include <vector>
 
-#include "channel.hpp"
+#include "link_gains.hpp"
 #include "energy.hpp"
 #include "limit.hpp"
 
 namespace kernel {
-
-constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a step may go.
 
 // The ground nodes and the eavesdroppers, K in all.
 struct Receivers {
@@ -32,7 +30,7 @@ struct Places {
 };
 
 // A problem on a grid: (P1) with places, or (P2) without.
-struct Problem {
+struct BarrierProblem {
     std::size_t slots;
     int uavs;
     Reals starts, goals;      // (U, 2).
@@ -40,13 +38,32 @@ struct Problem {
     Reals peaks;              // (U).
     std::vector<std::shared_ptr<const Limit>> limits;
     Receivers receivers;
-    std::shared_ptr<const Channel> channel;
+    std::shared_ptr<const LinkGains> gains;
     Places places;
     double rate_unit = 1.0;  // In nats.
     std::shared_ptr<const EnergyCost> energy;  // Or none.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     int nodes() const { return int(receivers.weights.size()); }
+    int eavesdroppers() const { return receivers.count - nodes(); }
+    // The shares that vary in a slot: the first node has what the others leave.
+    int shares() const { return nodes() - 1; }
+    // The number of slacks of all shares, (N, G), where any vary.
+    std::size_t share_slacks() const { return shares() ? slots * nodes() : 0; }
+    // The number of variables: powers and positions, (N, U, 3), and shares, (N, G - 1).
+    std::size_t variables() const { return slots * (3 * uavs + shares()); }
+
+    // Fill the points of flights, or their moves along a step, (N + 2, U, 2).
+    void fill_path(const double* x, Reals& path, bool moves = false) const {
+        const std::size_t width = 2 * uavs;
+        path.assign((slots + 2) * width, 0.0);
+        if (!moves) {
+            std::copy(starts.begin(), starts.end(), path.begin());
+            std::copy(goals.begin(), goals.end(), path.end() - width);
+        }
+        for (std::size_t i = 0; i < slots * uavs; ++i)
+            std::copy(x + 3 * i + 1, x + 3 * i + 3, &path[width + 2 * i]);
+    }
 
     // The number of rows of the Hessian's band below its diagonal.
     int bandwidth() const {
@@ -56,41 +73,27 @@ struct Problem {
     }
 };
 
-// A sum of logarithms of positive numbers; the logarithm of a product of many is taken at once.
-class LogSum {
-public:
-    void add(double value) {
-        if (!(value > 1e-100 && value < 1e100)) {
-            sum_ += std::log(value);  // Not finite where the value is not positive.
-            return;
-        }
-        product_ *= value;
-        if (!(product_ > 1e-150 && product_ < 1e150)) flush();
-    }
-    double total() {
-        flush();
-        return sum_;
-    }
+// What a receiver receives: the transmitter's signal, and interference with noise.
+struct Reception {
+    double signal, interference;
 
-private:
-    void flush() {
-        sum_ += std::log(product_);
-        product_ = 1.0;
-    }
-    double product_ = 1.0, sum_ = 0.0;
+    double total() const { return interference + signal; }
+    double sinr() const { return signal / interference; }
+    bool is_weak() const { return signal < 1e-2 * interference; }
+    // The rate in nats, accurate to rounding where it is small.
+    double rate() const { return is_weak() ? std::log1p(sinr()) : std::log(1.0 + sinr()); }
 };
 
 // The barrier function at one x, and its intermediate results.
 struct Evaluation {
-    double value = 0.0;                // Infinite outside the limits.
-    Reals squared, distance;           // The guarantee's d^2, and its rounded d, (N, K, U).
-    Reals total, interference;         // (N, K).
-    Reals leaks, largest_leaks;        // (N, E), (N); not kept for a single eavesdropper.
-    Reals node_rates, node_slacks;     // Of several ground nodes, (N, G), (G).
-    // Of every Limit, of the peaks, (N, U, 2), and of the shares, which several nodes have.
+    double value = 0.0;                 // Infinite outside the limits.
+    Reals squared, distance;            // The guarantee's d^2, and its rounded d, (N, K, U).
+    std::vector<Reception> receptions;  // (N, K).
+    Reals leak_slacks;                  // Where the largest of several leaks counts, (N, E).
+    Reals node_rates, node_slacks;      // Of several nodes, over their weights, (N, G), (G).
+    // Of every Limit, of the peaks, (N, U, 2), of the average powers, (U), and of the shares.
     std::vector<Slacks> slacks;
-    Reals mean_slacks;                 // Of the average powers, (U).
-    double value_without_lines = 0.0;  // The value without the limits that have lines.
+    double value_without_lines = 0.0;   // The value without the limits that have lines.
 };
 
 // The iterate of one start.
@@ -101,9 +104,8 @@ struct Iterate {
     bool* finished = nullptr;   // Likewise.
     int steps_at_mu = 0;
     std::vector<Reals> duals;   // As the slacks.
-    Reals mean_duals;           // (U).
-    Reals leak_duals;           // (N, E), or empty before the first step.
-    Reals node_duals;           // (G), likewise.
+    Reals leak_duals;           // Likewise, (N, E).
+    Reals node_duals;           // Likewise, (G).
     bool is_evaluated = false;  // True if `evaluation` is that at x and mu.
     Evaluation evaluation;
 };
@@ -127,6 +129,6 @@ public:
 };
 
 // Make a Newton for a problem, which must outlive it.
-std::unique_ptr<Newton> make_newton(const Problem& problem);
+std::unique_ptr<Newton> make_newton(const BarrierProblem& problem);
 
 }  // namespace kernel

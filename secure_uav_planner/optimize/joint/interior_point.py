@@ -65,7 +65,7 @@ class InteriorPointSolver:
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         receivers = receivers or Receivers.of(grid)
         self.shares: Array = np.empty((*self.x.shape[:2], len(receivers.weights)))
-        self._core = core.Barrier(
+        self._core = core.InteriorPointSolver(
             _build_problem(grid, receivers, discs, prices), self.x, self.shares, self.mu,
             self.finished)
 
@@ -228,7 +228,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
         'rate_unit': grid.rate,
         'energy': None if prices is None else _to_kernel(**price_energies(grid, prices)),
         'limits': [limit for limit in limits if limit is not None],
-        'channel': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
+        'gains': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),
         **_to_kernel(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
                      peaks=grid.scenario.peak_powers / grid.power,

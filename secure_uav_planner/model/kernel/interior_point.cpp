@@ -1,4 +1,4 @@
-// Several starts of a problem, advanced side by side on all cores; see optimize/joint/barrier.py.
+// Several starts of a problem, advanced side by side on all cores; see joint/interior_point.py.
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@ using kernel::copy_flags;
 using kernel::copy_reals;
 using kernel::count_entries;
 using kernel::expect;
-using kernel::Problem;
+using kernel::BarrierProblem;
 using kernel::Reals;
 
 namespace {
@@ -29,7 +29,7 @@ namespace {
 constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
 constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `check`.
 
-kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
+kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
     const std::size_t nodes = count_entries(args, "weights");
     expect(nodes >= 1, "weights");
@@ -39,14 +39,15 @@ kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
             copy_reals(args, "radii", entries)};
 }
 
-kernel::Places make_places(const Problem& problem, const py::dict& args) {
-    const std::size_t count = problem.receivers.count - problem.nodes();
+kernel::Places make_places(const BarrierProblem& problem, const py::dict& args) {
+    const std::size_t count = problem.eavesdroppers();
     return {copy_flags(args, "followed", problem.slots * count),
             copy_reals(args, "offsets", problem.slots * count * 2),
             copy_reals(args, "radii", problem.slots * count)};
 }
 
-std::shared_ptr<kernel::EnergyCost> make_energy(const Problem& problem, const py::dict& args) {
+std::shared_ptr<kernel::EnergyCost> make_energy(const BarrierProblem& problem,
+                                                const py::dict& args) {
     const std::size_t uavs = problem.uavs;
     const Reals numbers = copy_reals(args, "terms", 4 * uavs);
     std::vector<kernel::PowerTerms> terms;
@@ -56,8 +57,8 @@ std::shared_ptr<kernel::EnergyCost> make_energy(const Problem& problem, const py
         problem.slots, terms, copy_reals(args, "end_moves", 4 * uavs));
 }
 
-Problem make_problem(const py::dict& args) {
-    Problem problem;
+BarrierProblem make_problem(const py::dict& args) {
+    BarrierProblem problem;
     problem.slots = args["slots"].cast<std::size_t>();
     problem.uavs = args["uavs"].cast<int>();
     expect(problem.slots >= 1 && problem.uavs >= 1, "slots, uavs");
@@ -71,8 +72,8 @@ Problem make_problem(const py::dict& args) {
         expect(problem.limits.back()->fits(problem.slots, problem.uavs), "limits");
     }
     problem.receivers = make_receivers(problem, args);
-    problem.channel = args["channel"].cast<std::shared_ptr<kernel::Channel>>();
-    expect(problem.channel->links() == problem.receivers.count * uavs, "channel");
+    problem.gains = args["gains"].cast<std::shared_ptr<kernel::LinkGains>>();
+    expect(problem.gains->links() == problem.receivers.count * uavs, "gains");
     problem.colluding = args["colluding"].cast<bool>();
     problem.rate_unit = args["rate_unit"].cast<double>();
     expect(problem.rate_unit > 0.0, "rate_unit");
@@ -83,9 +84,9 @@ Problem make_problem(const py::dict& args) {
     return problem;
 }
 
-class Barrier {
+class InteriorPointSolver {
 public:
-    Barrier(const py::dict& args, const py::buffer& x, const py::buffer& shares,
+    InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
             const py::buffer& mu, const py::buffer& finished)
         : problem_(make_problem(args)), bandwidth_(problem_.bandwidth()), x_(x, "x"),
           mu_(mu, "mu"),
@@ -104,7 +105,7 @@ public:
             worker(0).initialise(iterates_[s]);
         }
     }
-    Barrier(const Barrier&) = delete;
+    InteriorPointSolver(const InteriorPointSolver&) = delete;
 
     // Take up to `steps` steps from every start, fewer where they are long; return their number,
     // and how many starts failed in the worst of them. If `check` throws, starts that have not yet
@@ -185,7 +186,7 @@ private:
         try {
             for (std::size_t number = 0; number < count; ++number)
                 threads.push_back(std::async(
-                    std::launch::async, &Barrier::take_steps, this, number, final_mu));
+                    std::launch::async, &InteriorPointSolver::take_steps, this, number, final_mu));
             for (std::future<void>& thread : threads) {
                 while (thread.wait_for(CHECK_INTERVAL) != std::future_status::ready) {
                     kernel::check_signals();
@@ -206,7 +207,7 @@ private:
             * (height * height + 4.0 * row * row * problem_.receivers.count);
     }
 
-    Problem problem_;
+    BarrierProblem problem_;
     const int bandwidth_;
     Array<double> x_, mu_, shares_;
     Array<bool> finished_;
@@ -219,12 +220,12 @@ private:
 
 }  // namespace
 
-void add_barrier(py::module_& module) {
-    py::class_<Barrier>(module, "Barrier")
+void add_interior_point(py::module_& module) {
+    py::class_<InteriorPointSolver>(module, "InteriorPointSolver")
         .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&,
                       const py::buffer&>())
-        .def("advance", &Barrier::advance)
-        .def("evaluate_rates", &Barrier::evaluate_rates)
-        .def("evaluate", &Barrier::evaluate)
-        .def("exchange_places", &Barrier::exchange_places);
+        .def("advance", &InteriorPointSolver::advance)
+        .def("evaluate_rates", &InteriorPointSolver::evaluate_rates)
+        .def("evaluate", &InteriorPointSolver::evaluate)
+        .def("exchange_places", &InteriorPointSolver::exchange_places);
 }

@@ -1,4 +1,4 @@
-// What the kernel asks of a channel model; a new model is one subclass of Channel.
+// What the kernel asks of a channel model; a new model is one subclass of LinkGains.
 #pragma once
 
 #include <algorithm>
@@ -18,13 +18,13 @@ struct Gain {
 //
 // Links are numbered k U + u, from UAV u to receiver k, the ground node being receiver 0. A gain
 // must fall with the distance.
-class Channel {
+class LinkGains {
 public:
     // Whether the gain may have a kink at distance 0, which the barrier function then rounds.
     static constexpr bool KINKED = false;
 
-    explicit Channel(std::size_t links) : links_(links) {}
-    virtual ~Channel() = default;
+    explicit LinkGains(std::size_t links) : links_(links) {}
+    virtual ~LinkGains() = default;
     std::size_t links() const { return links_; }
 
     virtual double gain(std::size_t link, double squared) const = 0;
@@ -35,11 +35,11 @@ private:
 };
 
 // Line of sight with free-space path loss: snr / (d^2 + H^2).
-class FreeSpace final : public Channel {
+class FreeSpace final : public LinkGains {
 public:
     // SNR at unit distance and unit power, and H^2, of every link.
     FreeSpace(std::vector<double> snr, std::vector<double> squared_altitudes)
-        : Channel(snr.size()), snr_(std::move(snr)),
+        : LinkGains(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)) {}
 
     static double loss(double squared, double squared_altitude) {
@@ -64,7 +64,7 @@ private:
 // kappa + (1 - kappa) P with the probability P = 1 / (1 + exp(-z)) of a line of sight, or the
 // smoothed quantile kappa^(1 - S), where S = z^3 (6 z^2 - 15 z + 10) rises from 0 at z = 0 to 1 at
 // z = 1. The gain has a kink at d = 0, below the UAV.
-class PathLoss final : public Channel {
+class PathLoss final : public LinkGains {
 public:
     static constexpr bool KINKED = true;
 
@@ -79,7 +79,7 @@ public:
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
              std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
              double exponent, bool quantile)
-        : Channel(snr.size()), snr_(std::move(snr)),
+        : LinkGains(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)), losses_(std::move(losses)),
           steepness_(std::move(steepness)), shift_(std::move(shift)), exponent_(exponent),
           quantile_(quantile) {

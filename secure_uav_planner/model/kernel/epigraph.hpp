@@ -1,0 +1,84 @@
+// Sums of logarithms, and the largest of several values by its epigraph: t with the barrier terms
+// -mu log(t - value), t being eliminated.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "limit.hpp"
+
+namespace kernel {
+
+// A sum of logarithms of positive numbers; the logarithm of a product of many is taken at once.
+class LogSum {
+public:
+    void add(double value) {
+        if (!(value > 1e-100 && value < 1e100)) {
+            sum_ += std::log(value);  // Not finite where the value is not positive.
+            return;
+        }
+        product_ *= value;
+        if (!(product_ > 1e-150 && product_ < 1e150)) flush();
+    }
+    double total() {
+        flush();
+        return sum_;
+    }
+
+private:
+    void flush() {
+        sum_ += std::log(product_);
+        product_ = 1.0;
+    }
+    double product_ = 1.0, sum_ = 0.0;
+};
+
+// Find the t that minimises t - mu sum log(t - value), by Newton's method on
+// sum mu / (t - value) = 1 from the left of its root, so without overshooting. The values become
+// their slacks t - value, and log(slack / mu) is added to `gaps`.
+inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps) {
+    const double largest = *std::max_element(values, values + count);
+    double t = 1.0;
+    for (int step = 0; step < 8; ++step) {
+        double sum = 0.0, squares = 0.0;
+        for (int i = 0; i < count; ++i) {
+            const double inverse = 1.0 / (t + (largest - values[i]) / mu);
+            sum += inverse;
+            squares += inverse * inverse;
+        }
+        t += (sum - 1.0) / squares;
+    }
+    t = largest + mu * t;
+    for (int i = 0; i < count; ++i) {
+        values[i] = t - values[i];
+        gaps.add(values[i] / mu);
+    }
+    return t;
+}
+
+// Find the Newton step of the duals of several values, and lower its length for them; `slopes` are
+// the values' along the step.
+inline void find_epigraph_changes(int count, double mu, const double* slacks, const double* duals,
+                                  const double* slopes, double* changes, double& length) {
+    double sum = 0.0, total = 0.0, weighted = 0.0;
+    for (int i = 0; i < count; ++i) {
+        const double ratio = duals[i] / slacks[i];
+        sum += mu / slacks[i];
+        total += ratio;
+        weighted += ratio * slopes[i];
+    }
+    const double largest = (sum - 1.0 + weighted) / total;
+    for (int i = 0; i < count; ++i) {
+        changes[i] = mu / slacks[i] - duals[i] - duals[i] / slacks[i] * (largest - slopes[i]);
+        limit_step(length, duals[i], changes[i]);
+    }
+}
+
+// Move duals, whose sum is 1.
+inline void move_epigraph_duals(int count, double length, const double* changes, double* duals) {
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) sum += duals[i] += length * changes[i];
+    for (int i = 0; i < count; ++i) duals[i] /= sum;
+}
+
+}  // namespace kernel

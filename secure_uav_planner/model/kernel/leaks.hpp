@@ -1,0 +1,161 @@
+// The leak of a slot from the rates of eavesdroppers, or of places.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "epigraph.hpp"
+#include "newton.hpp"
+
+namespace kernel {
+
+// A sum of rates, less mu times the logarithms of gaps between leaks and their largest.
+class RateSum {
+public:
+    void add(double rate) { sum_ += rate; }
+    void add(const Reception& at) {
+        if (at.is_weak())
+            sum_ += at.rate();
+        else
+            logs_.add(1.0 + at.sinr());
+    }
+    void subtract(const Reception& at) {
+        if (at.is_weak())
+            sum_ -= at.rate();
+        else
+            logs_.add(at.interference / at.total());
+    }
+    double total(double mu, double constant = 0.0) {
+        return sum_ + (logs_.total() + constant) - mu * gaps.total();
+    }
+
+    LogSum gaps;
+
+private:
+    double sum_ = 0.0;
+    LogSum logs_;
+};
+
+// That to a single eavesdropper, the largest of several, or that of the sum of their SINRs. The
+// largest is t with -mu log(t - leak) for every eavesdropper, t being eliminated.
+enum class LeakKind { single, largest, colluding };
+
+// What is received by the eavesdroppers of a slot, `at`, and all numbers by rates are (E).
+class Leak {
+public:
+    explicit Leak(const BarrierProblem& problem)
+        : slots_(problem.slots), eves_(problem.eavesdroppers()), size_(3 * problem.uavs),
+          central_(eves_, 1.0), slopes_(eves_), mean_(size_), row_(size_) {
+        if (eves_ == 1)
+            kind_ = LeakKind::single;
+        else
+            kind_ = problem.colluding ? LeakKind::colluding : LeakKind::largest;
+        if (kind_ == LeakKind::largest) changes_.resize(slots_ * eves_);
+    }
+
+    double find(const Reception* at) const {
+        if (kind_ == LeakKind::colluding) {
+            double sinrs = 0.0;
+            for (int e = 0; e < eves_; ++e) sinrs += at[e].sinr();
+            return std::log1p(sinrs);
+        }
+        double largest = at[0].rate();
+        for (int e = 1; e < eves_; ++e) largest = std::max(largest, at[e].rate());
+        return largest;
+    }
+
+    // Add the leak of slot n, with its barrier terms, to a sum.
+    void evaluate(std::size_t n, const Reception* at, double mu, Evaluation& here,
+                  RateSum& sum) const {
+        if (kind_ == LeakKind::single) return sum.add(at[0]);
+        if (kind_ == LeakKind::colluding) return sum.add(find(at));
+        here.leak_slacks.resize(slots_ * eves_);
+        double* slacks = &here.leak_slacks[n * eves_];
+        for (int e = 0; e < eves_; ++e) slacks[e] = at[e].rate();
+        sum.add(solve_epigraph(slacks, eves_, mu, sum.gaps));
+    }
+
+    // The leak's derivatives by the rates of the slot that weigh was last called for.
+    const Reals& central() const { return central_; }
+
+    // Find `central`, and return the weights of the rates' Hessians in the leak's.
+    const double* weigh(std::size_t n, const Reception* at, const Iterate& iterate, double mu) {
+        if (kind_ == LeakKind::largest) {
+            for (int e = 0; e < eves_; ++e)
+                central_[e] = mu / iterate.evaluation.leak_slacks[n * eves_ + e];
+            return &iterate.leak_duals[n * eves_];
+        }
+        if (kind_ == LeakKind::colluding) {
+            const double inverse = std::exp(-find(at));
+            for (int e = 0; e < eves_; ++e)
+                central_[e] = at[e].total() / at[e].interference * inverse;
+        }
+        return central_.data();
+    }
+
+    // Add with a weight what the leak's Hessian, (V, V), has besides those of the rates, whose
+    // gradients are (E, V), after weigh.
+    void add_curvature(std::size_t n, const Iterate& iterate, double weight,
+                       const double* gradients, double* hessian) {
+        if (kind_ == LeakKind::single) return;
+        std::fill(mean_.begin(), mean_.end(), 0.0);
+        if (kind_ == LeakKind::colluding) {
+            for (int e = 0; e < eves_; ++e) {
+                add_scaled(central_[e], gradients + e * size_, mean_.data());
+                add_outer(weight * central_[e], gradients + e * size_, hessian);
+            }
+            return add_outer(-weight, mean_.data(), hessian);
+        }
+        const double* slacks = &iterate.evaluation.leak_slacks[n * eves_];
+        const double* duals = &iterate.leak_duals[n * eves_];
+        double sum = 0.0;
+        for (int e = 0; e < eves_; ++e) {
+            sum += duals[e] / slacks[e];
+            add_scaled(duals[e] / slacks[e], gradients + e * size_, mean_.data());
+        }
+        for (double& mean : mean_) mean /= sum;
+        for (int e = 0; e < eves_; ++e) {
+            for (int j = 0; j < size_; ++j) row_[j] = gradients[e * size_ + j] - mean_[j];
+            add_outer(weight * (duals[e] / slacks[e]), row_.data(), hessian);
+        }
+    }
+
+    // Find the Newton step of the duals along a step, (N, V), and lower its length for them; the
+    // gradients of the rates in a slot begin `stride` numbers after those of the slot before.
+    void find_dual_changes(const Iterate& iterate, const double* step, double mu,
+                           const double* gradients, std::size_t stride, double& length) {
+        if (kind_ != LeakKind::largest) return;
+        for (std::size_t n = 0; n < slots_; ++n) {
+            const double* gradient = gradients + n * stride;
+            for (double& slope : slopes_) {
+                slope = 0.0;
+                for (int j = 0; j < size_; ++j) slope += *gradient++ * step[n * size_ + j];
+            }
+            const std::size_t i = n * eves_;
+            find_epigraph_changes(eves_, mu, &iterate.evaluation.leak_slacks[i],
+                                  &iterate.leak_duals[i], slopes_.data(), &changes_[i], length);
+        }
+    }
+
+    void move_duals(Iterate& iterate, double length) const {
+        for (std::size_t i = 0; i < changes_.size(); i += eves_)
+            move_epigraph_duals(eves_, length, &changes_[i], &iterate.leak_duals[i]);
+    }
+
+private:
+    void add_scaled(double factor, const double* row, double* sum) const {
+        for (int j = 0; j < size_; ++j) sum[j] += factor * row[j];
+    }
+
+    void add_outer(double weight, const double* row, double* hessian) const {
+        for (int j = 0; j < size_; ++j)
+            for (int m = 0; m <= j; ++m) hessian[j * size_ + m] += weight * row[j] * row[m];
+    }
+
+    const std::size_t slots_;
+    const int eves_, size_;
+    LeakKind kind_;
+    Reals central_, slopes_, changes_, mean_, row_;  // (E), (E), (N, E), (V), (V).
+};
+
+}  // namespace kernel

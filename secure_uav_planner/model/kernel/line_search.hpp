@@ -1,0 +1,98 @@
+// A line search by Armijo's rule along a Newton step.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "constraints.hpp"
+#include "newton.hpp"
+
+namespace kernel {
+
+constexpr double POWER_FACTOR = 10.0;  // By which a power may change in a step.
+// Trials that stop every variable at its own limit, and those along the step.
+constexpr int CLIPPED_TRIALS = 3, UNIFORM_TRIALS = 17;
+constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
+constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
+
+class LineSearch {
+public:
+    explicit LineSearch(const BarrierProblem& problem)
+        : x(problem.slots * problem.uavs * 3), shares(problem.share_slacks()), p_(problem),
+          lengths_(problem.uavs) {}
+
+    // Find the step length, or 0. `slope` is that of the barrier function along the step, and
+    // `evaluate` finds the function at a trial.
+    //
+    // First every power is stopped at its own limit and every flight at its own, which goes much
+    // farther than stopping all at the first limit; then all go along the step.
+    template <typename Evaluate>
+    double search(const Iterate& iterate, const Reals& step, const Reals& gradient, double slope,
+                  const Constraints& constraints, const std::atomic<bool>& stop,
+                  Evaluate evaluate) {
+        const double uniform = constraints.limit_lengths(iterate, step.data(), lengths_);
+        const double value = iterate.evaluation.value;
+        const double bound = value + ROUNDING * std::fabs(value);
+        for (int trial = 0; trial < CLIPPED_TRIALS + UNIFORM_TRIALS; ++trial) {
+            if (stop) return 0.0;
+            double length = std::ldexp(1.0, -trial), expected;
+            if (trial < CLIPPED_TRIALS) {
+                expected = move_clipped(iterate, step, gradient, constraints, length);
+            } else {
+                length = uniform * std::ldexp(1.0, CLIPPED_TRIALS - trial);
+                expected = length * slope;
+                move(iterate, step, constraints, length);
+            }
+            if (expected < 0.0 && evaluate() <= bound + ARMIJO * expected) return length;
+        }
+        return 0.0;
+    }
+
+    Reals x, shares;  // The last trial, (N, U, 3) and, where they vary, (N, G).
+
+private:
+    void move(const Iterate& iterate, const Reals& step, const Constraints& constraints,
+              double length) {
+        for (std::size_t i = 0; i < x.size(); ++i) x[i] = iterate.x[i] + length * step[i];
+        for (std::size_t i = 0; i < shares.size(); ++i)
+            shares[i] = iterate.shares[i] + length * constraints.share_slopes()[i];
+    }
+
+    // Stop every power, every flight and the shares of every slot at their own limits; return the
+    // expected change of the barrier function.
+    double move_clipped(const Iterate& iterate, const Reals& step, const Reals& gradient,
+                        const Constraints& constraints, double length) {
+        const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);
+        double expected = 0.0;
+        std::size_t i = 0;
+        for (std::size_t n = 0; n < p_.slots; ++n)
+            for (int u = 0; u < p_.uavs; ++u, i += 3) {
+                const double* from = iterate.x + i;
+                const double highest =
+                    std::min(from[0] * POWER_FACTOR,
+                             from[0] + FRACTION_TO_BOUNDARY * (p_.peaks[u] - from[0]));
+                x[i] = std::min(std::max(from[0] + length * step[i], from[0] * lowest), highest);
+                for (int axis = 1; axis < 3; ++axis)
+                    x[i + axis] = from[axis] + length * step[i + axis] * lengths_[u];
+                for (int j = 0; j < 3; ++j) expected += gradient[i + j] * (x[i + j] - from[j]);
+            }
+        double of_shares = 0.0;
+        for (std::size_t first = 0; first < shares.size(); first += p_.nodes()) {
+            const double* from = iterate.shares + first;
+            const double* changes = &constraints.share_slopes()[first];
+            double own = length;
+            for (int k = 0; k < p_.nodes(); ++k) limit_step(own, from[k], changes[k]);
+            for (int k = 0; k < p_.nodes(); ++k) {
+                shares[first + k] = from[k] + own * changes[k];
+                if (k > 0) of_shares += own * changes[k] * gradient[i++];
+            }
+        }
+        return expected + of_shares;
+    }
+
+    const BarrierProblem& p_;
+    Reals lengths_;  // Of the flights' steps, (U).
+};
+
+}  // namespace kernel

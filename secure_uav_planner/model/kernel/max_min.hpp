@@ -1,0 +1,181 @@
+// Several ground nodes: the least of their means over weights is to be as large as possible.
+//
+// A node's mean is an offset and that over the slots of its rates, less the leak, in its shares of
+// them. The least of the means, eta, has -N mu log(mean - eta) for every node, and is eliminated, as
+// t is from leaks.
+#pragma once
+
+#include <algorithm>
+
+#include "epigraph.hpp"
+#include "linear.hpp"
+#include "newton.hpp"
+
+namespace kernel {
+
+// When shares are first found: decrease of the barrier parameter, steps for each and their range.
+constexpr double SHARES_MU_FACTOR = 0.25, PRICE_FACTOR = 4.0;
+constexpr int SHARE_STEPS = 3;
+
+class MaxMin {
+public:
+    explicit MaxMin(const BarrierProblem& problem)
+        : weights_(problem.receivers.weights), offsets_(problem.receivers.offsets),
+          slots_(problem.slots), nodes_(problem.nodes()),
+          size_(3 * problem.uavs), rate_unit_(problem.rate_unit),
+          gradients_(slots_ * nodes_ * size_), changes_(nodes_) {}
+
+    // The offsets of the nodes' means, over their weights and summed over the slots, (G).
+    Reals sum_offsets() const {
+        Reals sums(offsets_);
+        for (int k = 0; k < nodes_; ++k) sums[k] *= double(slots_) / weights_[k];
+        return sums;
+    }
+
+    // Find the nodes' slacks, the means less eta, and return their part of the barrier function.
+    double evaluate(const double* shares, double mu, Evaluation& here) const {
+        Reals& slacks = here.node_slacks;
+        slacks = sum_offsets();
+        for (std::size_t i = 0; i < slots_ * nodes_; i += nodes_)
+            for (int k = 0; k < nodes_; ++k) slacks[k] += shares[i + k] * here.node_rates[i + k];
+        for (double& slack : slacks) slack /= -double(slots_);
+        LogSum gaps;
+        const double largest = solve_epigraph(slacks.data(), nodes_, mu, gaps);
+        return double(slots_) * (largest - mu * gaps.total());
+    }
+
+    // Find the shares, (N, G), that maximise the barrier function for the rates of an evaluation,
+    // by Newton's method on its dual, in which a node's rates have a price.
+    void find_shares(double mu, const Evaluation& here, double* shares) const {
+        const int G = nodes_, H = G + 1;
+        const Reals offsets = sum_offsets();
+        Reals prices(G, 1.0 / G), slacks(G), matrix(H * H), right(H);
+        const auto share_slot = [&](std::size_t n, double level) {
+            LogSum gaps;
+            double sum = 0.0;
+            for (int k = 0; k < G; ++k) slacks[k] = prices[k] * here.node_rates[n * G + k];
+            solve_epigraph(slacks.data(), G, level, gaps);
+            for (int k = 0; k < G; ++k) sum += shares[n * G + k] = level / slacks[k];
+            for (int k = 0; k < G; ++k) shares[n * G + k] /= sum;
+        };
+        for (double level = std::max(mu, rate_unit_); ;
+             level = std::max(mu, SHARES_MU_FACTOR * level)) {
+            for (int step = 0; step < SHARE_STEPS; ++step) {
+                std::fill(matrix.begin(), matrix.end(), 0.0);
+                for (int k = 0; k < G; ++k) right[k] = -offsets[k];
+                right[G] = 0.0;
+                for (std::size_t n = 0; n < slots_; ++n) {
+                    share_slot(n, level);
+                    const double *share = shares + n * G, *rate = &here.node_rates[n * G];
+                    double squares = 0.0;
+                    for (int k = 0; k < G; ++k) squares += share[k] * share[k];
+                    for (int k = 0; k < G; ++k) {
+                        right[k] -= share[k] * rate[k];
+                        for (int j = 0; j < G; ++j)
+                            matrix[k * H + j] += rate[k] * rate[j] * share[k]
+                                * ((j == k ? share[k] : 0.0)
+                                   - share[k] * share[j] / squares * share[j]) / level;
+                    }
+                }
+                for (int k = 0; k < G; ++k) {
+                    right[k] += double(slots_) * level / prices[k];
+                    matrix[k * H + k] += double(slots_) * level / (prices[k] * prices[k]);
+                    matrix[k * H + G] = matrix[G * H + k] = 1.0;
+                }
+                if (!solve_dense(matrix.data(), right.data(), H)) break;
+                double sum = 0.0;
+                for (int k = 0; k < G; ++k)
+                    sum += prices[k] = std::clamp(prices[k] + right[k], prices[k] / PRICE_FACTOR,
+                                                  prices[k] * PRICE_FACTOR);
+                for (double& price : prices) price /= sum;
+            }
+            if (level == mu) break;
+        }
+        for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu);
+    }
+
+    // Extend derivatives to the shares of a slot, of which the first is 1 less the others: its
+    // Hessian in x, (V, V), to one of both, (V + G - 1, V + G - 1), and the gradient to that of
+    // the shares, (G - 1). `rates` are the gradients of the nodes' rates in the slot, (G, V), and
+    // `leak` that of the leak, (V).
+    void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
+                    const double* leak, const double* block, double* gradient, double* hessian) {
+        const int V = size_, W = V + nodes_ - 1;
+        double* own = &gradients_[n * nodes_ * V];
+        for (int k = 0; k < nodes_; ++k)
+            for (int j = 0; j < V; ++j)
+                own[k * V + j] = (rates[k * V + j] - leak[j]) / weights_[k];
+        std::fill(hessian, hessian + W * W, 0.0);
+        for (int j = 0; j < V; ++j) std::copy_n(block + j * V, j + 1, hessian + j * W);
+        const auto find_slope = [&](int k) {
+            const Evaluation& here = iterate.evaluation;
+            return mu / here.node_slacks[k] * here.node_rates[n * nodes_ + k];
+        };
+        for (int k = 1; k < nodes_; ++k) {
+            gradient[k - 1] = find_slope(0) - find_slope(k);
+            for (int j = 0; j < V; ++j)
+                hessian[(V + k - 1) * W + j] =
+                    iterate.node_duals[0] * own[j] - iterate.node_duals[k] * own[k * V + j];
+        }
+    }
+
+    // Fill the rows of the nodes, those of the variables being R long, and their ratios: the
+    // gradients of the slacks, less their mean because eta is eliminated.
+    void fill_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
+        const int G = nodes_, V = size_, S = G - 1;
+        double total = 0.0;
+        for (int k = 0; k < G; ++k) {
+            ratios[k] =
+                iterate.evaluation.node_slacks[k] / (double(slots_) * iterate.node_duals[k]);
+            total += 1.0 / ratios[k];
+        }
+        const auto centre = [&](double* row) {
+            double mean = 0.0;
+            for (int k = 0; k < G; ++k) mean += row[k] / ratios[k];
+            for (int k = 0; k < G; ++k) row[k] -= mean / total;
+        };
+        for (std::size_t n = 0; n < slots_; ++n) {
+            const double* rates = &iterate.evaluation.node_rates[n * G];
+            for (int j = 0; j < V; ++j) {
+                double* row = rows + (n * V + j) * R;
+                for (int k = 0; k < G; ++k)
+                    row[k] = iterate.shares[n * G + k] * gradients_[(n * G + k) * V + j]
+                        / double(slots_);
+                centre(row);
+            }
+            for (int s = 0; s < S; ++s) {
+                double* row = rows + (slots_ * V + n * S + s) * R;
+                std::fill(row, row + G, 0.0);
+                row[0] = -rates[0] / double(slots_);
+                row[1 + s] = rates[1 + s] / double(slots_);
+                centre(row);
+            }
+        }
+    }
+
+    // Find the Newton step of the duals along a step, and lower its length for them; `rows` as
+    // from fill_rows.
+    void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
+                           const double* rows, double& length) {
+        const int G = nodes_;
+        Reals slopes(G, 0.0);
+        for (std::size_t i = 0; i < slots_ * (size_ + G - 1); ++i)
+            for (int k = 0; k < G; ++k) slopes[k] -= rows[i * R + k] * step[i];
+        find_epigraph_changes(G, mu, iterate.evaluation.node_slacks.data(),
+                              iterate.node_duals.data(), slopes.data(), changes_.data(), length);
+    }
+
+    void move_duals(Iterate& iterate, double length) const {
+        move_epigraph_duals(nodes_, length, changes_.data(), iterate.node_duals.data());
+    }
+
+private:
+    const Reals &weights_, &offsets_;
+    const std::size_t slots_;
+    const int nodes_, size_;
+    const double rate_unit_;
+    Reals gradients_;  // Of the nodes' rates less the leak, over their weights, (N, G, V).
+    Reals changes_;    // Of the duals, (G).
+};
+
+}  // namespace kernel

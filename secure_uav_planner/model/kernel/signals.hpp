@@ -1,0 +1,224 @@
+// What is received from the UAVs in a slot, and the derivatives of a receiver's rate.
+//
+// A rate is log(1 + S + J) - log(1 + J): the logarithm of the total received power less that of
+// interference and noise. By the chain rule, both need only the gain's two derivatives by the
+// squared distance and that distance's by the position.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "newton.hpp"
+#include "numbers.hpp"
+
+namespace kernel {
+
+constexpr double LEAST_SQUARE = 1e-30;  // Added to d^2, whose root then has a gradient.
+constexpr double ON_EDGE = 1.0 - 1e-6;  // Distance of a place from the centre, in radii.
+constexpr double FLATTEST = 0.01;  // Least curvature of a place, as a share of the largest.
+
+// For a number of UAVs and a channel model that are known when compiling, or for any (UAVS = 0,
+// LinkGains).
+template <int UAVS, class Model>
+class Signals {
+public:
+    explicit Signals(const BarrierProblem& problem)
+        : p_(problem), gains_(static_cast<const Model&>(*problem.gains)),
+          receivers_(problem.receivers.count), signals_(problem.uavs),
+          space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
+
+    // Find the receptions in a slot, (K). The kink of a jammer's distance d at 0 is rounded: d
+    // becomes sqrt(d^2 + soft), which only raises it and so lowers the rate.
+    const Reception* receive(const double* x, std::size_t n, double soft,
+                             Evaluation& here) const {
+        for (int k = 0; k < receivers_; ++k) {
+            Reception& reception = here.receptions[n * receivers_ + k];
+            reception.interference = 1.0;
+            for (int u = 0; u < uavs(); ++u) {
+                const double* at = x + (n * uavs() + u) * 3;
+                const std::size_t i = (n * receivers_ + k) * uavs() + u;
+                find_distance(at, n, k, u, soft, here.distance[i], here.squared[i]);
+                const double power = gains_.gain(k * uavs() + u, here.squared[i]) * at[0];
+                if (u)
+                    reception.interference += power;
+                else
+                    reception.signal = power;
+            }
+        }
+        return &here.receptions[n * receivers_];
+    }
+
+    // Find the gradient of a rate by the variables of its slot, (V), and add the lower triangle of
+    // its Hessian, (V, V), with a weight.
+    void differentiate(const Iterate& iterate, std::size_t n, int k, double weight,
+                       double* gradient, double* hessian) {
+        const int V = 3 * uavs();
+        const Reception& at = iterate.evaluation.receptions[n * receivers_ + k];
+        const double total = at.total();
+        double* of_total = space_.data();  // The gradients of the two logarithms.
+        double* of_interference = of_total + V;
+        for (int u = 0; u < uavs(); ++u) {
+            const Signal signal = signals_[u] = find_signal(iterate, n, k, u);
+            const double along = signal.slope * signal.power;
+            const double received[3] = {signal.gain, along * signal.dx, along * signal.dy};
+            for (int j = 0; j < 3; ++j) {
+                of_total[3 * u + j] = received[j] / total;
+                of_interference[3 * u + j] = u ? received[j] / at.interference : 0.0;
+            }
+            const double factor = weight / total - (u ? weight / at.interference : 0.0);
+            const double mixed = factor * signal.slope, isotropic = mixed * signal.power;
+            const double outer = factor * signal.power * signal.curvature;
+            double* block = hessian + 3 * u * (V + 1);
+            block[V] += mixed * signal.dx;
+            block[2 * V] += mixed * signal.dy;
+            block[V + 1] += isotropic + outer * signal.dx * signal.dx;
+            block[2 * V + 1] += outer * signal.dx * signal.dy;
+            block[2 * V + 2] += isotropic + outer * signal.dy * signal.dy;
+        }
+        for (int j = 0; j < V; ++j) {
+            gradient[j] = of_total[j] - of_interference[j];
+            const double less = weight * of_total[j], more = weight * of_interference[j];
+            for (int m = 0; m <= j; ++m)
+                hessian[j * V + m] += more * of_interference[m] - less * of_total[m];
+        }
+        if (p_.places.followed.empty() || k < p_.nodes()) return;
+        const std::size_t place = n * p_.eavesdroppers() + k - p_.nodes();
+        if (p_.places.followed[place]) add_place_curvature(at, place, weight, hessian);
+    }
+
+private:
+    // A UAV's signal at a receiver. The gradient of the gain is slope * (dx, dy), and its Hessian
+    // slope * I + curvature * (dx, dy) (dx, dy)^T.
+    struct Signal {
+        double dx, dy, power, gain, slope, curvature;
+    };
+
+    int uavs() const { return UAVS ? UAVS : p_.uavs; }
+
+    const double* position(std::size_t n, int k) const {
+        return &p_.receivers.positions[2 * (n * receivers_ + k)];
+    }
+
+    // What the guarantee adds to the distance of a UAV from a receiver.
+    double edge(std::size_t n, int k, int u) const {
+        const double radius = p_.receivers.radii[n * receivers_ + k];
+        return u ? radius : -radius;
+    }
+
+    // Find the distance d from a UAV to a receiver, which is rounded at a jammer's kink, and
+    // ([d + edge]^+)^2. A gain with a kink of its own is that of (d + edge)^2 + soft.
+    void find_distance(const double* x, std::size_t n, int k, int u, double soft,
+                       double& distance, double& squared) const {
+        const double* at = position(n, k);
+        const double dx = x[1] - at[0], dy = x[2] - at[1];
+        const double edge = this->edge(n, k, u);
+        squared = dx * dx + dy * dy;
+        distance = 0.0;
+        if (edge != 0.0) {
+            distance = std::sqrt(squared + ((edge > 0.0 ? soft : 0.0) + LEAST_SQUARE));
+            // Without the softening in its first term.
+            squared = distance > -edge ? squared + edge * (2.0 * distance + edge) : 0.0;
+        }
+        if constexpr (Model::KINKED) squared += soft;
+    }
+
+    Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
+        const std::size_t i = (n * receivers_ + k) * uavs() + u;
+        const double* x = iterate.x + (n * uavs() + u) * 3;
+        const double* at = position(n, k);
+        const double edge = this->edge(n, k, u);
+        const Gain gain = gains_.derivatives(k * uavs() + u, iterate.evaluation.squared[i]);
+        // The derivative of ([d + edge]^+)^2 by d^2, and minus twice its second derivative.
+        double stretch = 1.0, curvature = 0.0;
+        if (edge != 0.0) {
+            const double distance = iterate.evaluation.distance[i];
+            const bool outside = distance > -edge;
+            stretch = outside ? 1.0 + edge / distance : 0.0;
+            curvature = outside ? edge / (distance * distance * distance) : 0.0;
+        }
+        return {x[1] - at[0], x[2] - at[1], x[0], gain.value, 2.0 * gain.first * stretch,
+                4.0 * gain.second * stretch * stretch - 2.0 * gain.first * curvature};
+    }
+
+    // Add the curvature from the worst place of a disc moving along with the UAVs, after
+    // differentiate has found the signals there.
+    //
+    // For f(x) = max_w g(x, w) it is -g_xw g_ww^-1 g_wx at the worst place w, which is on top of
+    // g_xx; for a place on the edge of its disc, that along the edge, whose curvature counts too.
+    // Without it, places and UAVs that follow each other in turn may swing ever further.
+    //
+    // A rate depends on offsets alone, so that a receiver's move is that of all UAVs the other
+    // way: its derivatives by the place are the sum of the columns of their positions, with the
+    // sign changed.
+    void add_place_curvature(const Reception& at, std::size_t place, double weight,
+                             double* hessian) {
+        const int V = 3 * uavs();
+        const double *of_total = space_.data(), *of_interference = of_total + V;
+        double* mixed = place_space_.data();  // The derivative by variables and place, (V, 2).
+        double total[2] = {}, interference[2] = {}, by_place[2][2] = {};
+        for (int u = 0; u < uavs(); ++u)
+            for (int axis = 0; axis < 2; ++axis) {
+                total[axis] += of_total[3 * u + 1 + axis];
+                interference[axis] += of_interference[3 * u + 1 + axis];
+            }
+        for (int u = 0; u < uavs(); ++u) {
+            const Signal& signal = signals_[u];
+            const double factor = 1.0 / at.total() - (u ? 1.0 / at.interference : 0.0);
+            const double by_power = factor * signal.slope, isotropic = by_power * signal.power;
+            const double outer = factor * signal.power * signal.curvature;
+            const double offset[2] = {signal.dx, signal.dy};
+            for (int axis = 0; axis < 2; ++axis) {
+                const double second[3] = {
+                    by_power * offset[axis],
+                    outer * signal.dx * offset[axis] + (axis == 0 ? isotropic : 0.0),
+                    outer * signal.dy * offset[axis] + (axis == 1 ? isotropic : 0.0)};
+                for (int j = 0; j < 3; ++j) {
+                    const int i = 3 * u + j;
+                    mixed[2 * i + axis] = of_total[i] * total[axis]
+                        - of_interference[i] * interference[axis] - second[j];
+                    if (j) by_place[j - 1][axis] += mixed[2 * i + axis];
+                }
+            }
+        }
+        const double slope[2] = {interference[0] - total[0], interference[1] - total[1]};
+        const double* offset = &p_.places.offsets[2 * place];
+        const double radius = p_.places.radii[place];
+        const double distance = std::sqrt(offset[0] * offset[0] + offset[1] * offset[1]);
+        double largest = 0.0;
+        for (const auto& row : by_place)
+            for (const double entry : row) largest = std::max(largest, std::fabs(entry));
+        const double least = FLATTEST * largest + TINY;
+        // Add the curvature from moves of the place in a direction.
+        const auto add = [&](double x, double y, double curvature) {
+            const double scale = 1.0 / std::sqrt(std::max(curvature, least));
+            double* row = mixed + 2 * V;
+            for (int j = 0; j < V; ++j)
+                row[j] = (mixed[2 * j] * x + mixed[2 * j + 1] * y) * scale;
+            for (int j = 0; j < V; ++j)
+                for (int m = 0; m <= j; ++m) hessian[j * V + m] += weight * row[j] * row[m];
+        };
+        if (distance >= ON_EDGE * radius) {
+            const double inverse = 1.0 / std::max(distance, TINY);
+            const double x = -offset[1] * inverse, y = offset[0] * inverse;
+            const double along = (by_place[0][0] * x + by_place[0][1] * y) * x
+                + (by_place[1][0] * x + by_place[1][1] * y) * y;
+            add(x, y, along + (slope[0] * y - slope[1] * x) / std::max(radius, TINY));
+            return;
+        }
+        // Along the eigenvectors.
+        const double mean = 0.5 * (by_place[0][0] + by_place[1][1]);
+        const double half = 0.5 * (by_place[0][0] - by_place[1][1]);
+        const double spread = std::hypot(half, by_place[1][0]);
+        const double angle = 0.5 * std::atan2(by_place[1][0], half);
+        add(std::cos(angle), std::sin(angle), mean + spread);
+        add(-std::sin(angle), std::cos(angle), mean - spread);
+    }
+
+    const BarrierProblem& p_;
+    const Model& gains_;
+    const int receivers_;
+    std::vector<Signal> signals_;  // Of the UAVs, at the receiver that is differentiated.
+    Reals space_, place_space_;
+};
+
+}  // namespace kernel
