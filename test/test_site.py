@@ -90,7 +90,7 @@ def test_equations_have_the_numbers_of_the_printed_paper():
 
 def test_every_function_and_method_of_the_api_has_its_return_type_and_no_internals(folder, site):
     text = (folder / 'api.html').read_text()
-    for name in ('secure_uav_planner.solve', 'secure_uav_planner.Plan.save_mat',
+    for name in ('secure_uav_planner.solve', 'secure_uav_planner.Plan.plot',
                  'secure_uav_planner.Scenario.load',
                  'secure_uav_planner.model.channel.worst_case_rates'):
         part = text.split(f'id="{name}"')[1].split('<dt class="sig')[0]
