@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters)
+    eavesdropper_parameters, ground_node_parameters, PLANNER, uav_parameters, zone_parameters)
 from secure_uav_planner.ros.settings import load_mission
 
 FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
@@ -22,6 +22,8 @@ def values():
     specs = dict(PLANNER)
     for index, name in enumerate(given['uavs']):
         specs.update(uav_parameters(name, index))
+    for name in given['ground_nodes']:
+        specs.update(ground_node_parameters(name))
     for name in given['eavesdroppers']:
         specs.update(eavesdropper_parameters(name))
     for name in given['no_fly_zones']:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from ros_client import flat
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
+    eavesdropper_parameters, ground_node_parameters, PLANNER, REPLAY, uav_parameters)
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -23,7 +23,8 @@ def test_the_papers_parameters_are_the_defaults(node):
 
 
 def test_every_parameter_has_a_description_and_says_what_it_allows():
-    for specs in (PLANNER, REPLAY, uav_parameters('a', 0), eavesdropper_parameters('e')):
+    for specs in (PLANNER, REPLAY, uav_parameters('a', 0), ground_node_parameters('g'),
+                  eavesdropper_parameters('e')):
         for name, spec in specs.items():
             assert spec.description.endswith('.'), name
             assert spec.allowed in spec.descriptor().additional_constraints

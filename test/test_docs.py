@@ -262,8 +262,8 @@ def test_the_generated_reference_is_current():
 
 def offered(node):
     """Return the topics and services of a node as Interfaces of any UAV, without a meaning."""
-    of_any = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>',
-              node.get_name(): '~'}
+    of_any = {'uav1': '<uav>', 'uav2': '<uav>', 'ground_node': '<ground_node>',
+              'eavesdropper': '<eavesdropper>', node.get_name(): '~'}
     found = [('sub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
              for one in node.subscriptions]
     found += [('pub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
@@ -298,8 +298,8 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
     replace(mission, no_fly_zones=(secure_uav_planner.NoFlyZone(tower, name='tower'),), uavs=tuple(
         replace(uav, propulsion=secure_uav_planner.Propulsion()) for uav in mission.uavs)).save(
             tmp_path / 'mission.yaml')
-    any_of = {'<uav>': 'uav.', '<topic>': '[a-z0-9_]+/(pose|odom)', '<which>': '(uav|zone)',
-              '<part>': '(hovering|flying)'}
+    any_of = {'<uav>': 'uav.', '<ground_node>': 'ground_node', '<which>': '(uav|zone)',
+              '<topic>': '[a-z0-9_]+/(pose|odom)', '<part>': '(hovering|flying)'}
     patterns = {key: re.sub('<.*?>', lambda kind: any_of[kind[0]], key.replace('.', r'\.'))
                 for key in STATUS_KEYS}
 
@@ -318,7 +318,7 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
         wait_for(lambda: client.plan_paper() and have_come(of_solves))
         client.follow()
         wait_for(lambda: have_come(STATUS_KEYS.keys() - of_receivers))
-        send_odometry(client, 'eavesdropper/odom', 200, 0, (1.0, 0.0))
+        send_odometry(client, 200, 0, (1.0, 0.0))
         assert client.call('planner/plan').success
         wait_for(lambda: have_come(of_receivers))
 
@@ -332,9 +332,9 @@ def test_each_name_in_the_prose_exists(page, interfaces):
              for file in (ROOT / folder).rglob('*.py')
              for word in re.findall(r'\w+', file.read_text())} | OF_OTHERS
     for code in re.findall('`([^`\n]+)`', prose):
-        if re.fullmatch(r'<(uav|eavesdropper|zone)>\.\w+', code):
+        if re.fullmatch(r'<(uav|ground_node|eavesdropper|zone)>\.\w+', code):
             assert code in parameters, code
-        elif re.fullmatch(r'(<(uav|eavesdropper|vehicle)>|~|ground_node)/[\w/]+', code):
+        elif re.fullmatch(r'(<(uav|ground_node|eavesdropper|vehicle)>|~)/[\w/]+', code):
             assert code in topics, code
         elif re.fullmatch(r'[a-z]+(_[a-z]+)+', code):
             assert code in words, code

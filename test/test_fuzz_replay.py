@@ -63,7 +63,7 @@ class Replay(Target):
     def send_good(self, plan):
         self.counts['good plans'] += 1
         for topic, message in messages.plan_messages(plan, 'map'):
-            if topic != '~/markers':
+            if not topic.startswith('~'):
                 self.client.publisher(type(message), topic, LATCHED).publish(message)
 
     def check_setpoints(self):

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters,
-    zone_parameters)
+    eavesdropper_parameters, ground_node_parameters, PLANNER, RELAY, relay_parameters, REPLAY,
+    Spec, uav_parameters, zone_parameters)
 from secure_uav_planner.ros.status import STATUS_KEYS
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
@@ -53,8 +53,8 @@ def interfaces() -> list[Interface]:
 
 def specs() -> dict[str, dict[str, Spec]]:
     """Return the Spec of each parameter of each node by name; `<uav>` stands for any UAV."""
-    members = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
-               **zone_parameters('<zone>')}
+    members = {**uav_parameters('<uav>', 0), **ground_node_parameters('<ground_node>'),
+               **eavesdropper_parameters('<eavesdropper>'), **zone_parameters('<zone>')}
     return {'planner': {**PLANNER, **members}, 'replay': REPLAY,
             'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
 

@@ -21,6 +21,7 @@ class Moment:
     :param headings: (U,) in rad, counter-clockwise from x.
     :param powers: (U,) in W, of the slot; zero outside the slots.
     :param accelerations: (U, 2) in m/s^2, zero for UAVs without a limit of acceleration.
+    :param shares: of the slot for the ground nodes, (G,).
     """
 
     positions: Array
@@ -28,6 +29,7 @@ class Moment:
     headings: Array
     powers: Array
     accelerations: Array
+    shares: Array
 
 
 class Playback:
@@ -60,7 +62,8 @@ class Playback:
         time = checked_real('time', time)
         motion = self.curve.at([time])
         return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
-                      self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0])
+                      self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0],
+                      self.shares_at([time])[:, 0])
 
     def shares_at(self, times: ArrayLike) -> Array:
         """Return the shares of the slots at times (K,) in s for each ground node, (G, K)."""

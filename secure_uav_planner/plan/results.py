@@ -113,6 +113,12 @@ class Promise(NamedTuple):
         return self._mean(self.plan.curve_shares)
 
     @property
+    def node_rates(self) -> Array:
+        """Mean rate of the slots by the objective of each ground node, (G,) in bit/s/Hz."""
+        rates = self.plan.node_shares[:, :self.slots]
+        return rates.sum(axis=1) / max(1, self.slots)
+
+    @property
     def text(self) -> str:
         """Suffix of a rate in messages: until when it is promised, if not in the whole flight."""
         return (f' until {self.plan.promised_until:.1f} s, as far as receivers are predicted'

@@ -1,32 +1,36 @@
 """Assembly of a plan from the messages on its topics."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from .cdr import PathContent, read_path, read_power, read_trajectory, TrajectoryContent
+from .cdr import (
+    PathContent, read_path, read_power, read_schedule, read_trajectory, ScheduleContent,
+    TrajectoryContent)
 from .parameters import LONGEST_FRAME
+from .topics import SCHEDULE
 from ..errors import PlanError, quote
 from ..mission.fields import COORDINATE, find_range
-from ..mission.scenario import Array, Scenario, Uav
+from ..mission.scenario import Array, GroundNode, Scenario, Uav
 from ..model.curve import infer_limits
 from ..plan.plan import Plan
 
 _MOST_KEPT = 4  # Messages of a topic.
 _IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
 _SAME_ALTITUDE = _SAME_PLACE = 1e-3  # m
-_READERS = {'path': read_path, 'power': read_power, 'trajectory': read_trajectory}
+_OF_UAV = {'path': read_path, 'power': read_power, 'trajectory': read_trajectory}
 
 
 class Assembly:
     """
     Collects the messages of plans, which arrive one by one and in any order.
 
-    A power names its plan and the digests of its path and trajectory: these are the messages of
-    the plan. Powers of other planners name nothing; they are joined with the newest paths, and
-    with trajectories of the same stamp on the topics that `expects` is true of. Each such message
-    is used for one plan only.
+    A power names its plan and the digests of its path and trajectory, and of the schedule of
+    several ground nodes: these are the messages of the plan. Powers of other planners name
+    nothing; they are joined with the newest paths, and with trajectories of the same stamp on the
+    topics that `expects` is true of. Each such message is used for one plan only.
 
     :ivar missing: topics of the messages that the plan of the last message waits for.
     """
@@ -35,7 +39,7 @@ class Assembly:
         self._names, self._expects = names, expects
         # The newest of each topic, by key: the identity of a plan, or a digest.
         self._messages: dict[str, dict[str, Any]] = {
-            f'{name}/{kind}': {} for name in names for kind in _READERS}
+            SCHEDULE: {}, **{f'{name}/{kind}': {} for name in names for kind in _OF_UAV}}
         self._identity, self._contents = '', dict[str, Any]()  # Of the plan that is complete.
         self._assembled = ''  # Identity of the last plan.
         self.missing: list[str] = []
@@ -47,15 +51,16 @@ class Assembly:
         :raises PlanError: if it cannot be read.
         """
         name, _, kind = topic.partition('/')
-        content, kept = _READERS[kind](message), self._messages[topic]
+        read = read_schedule if topic == SCHEDULE else _OF_UAV[kind]
+        content, kept = read(message), self._messages[topic]
         key = content.key
         kept.pop(key, None)
         kept[key] = content
         if len(kept) > _MOST_KEPT:
             del kept[next(iter(kept))]
         for identity in self._plans_with(name, kind, key):
-            contents = {f'{name}/{kind}': content for name in self._names
-                        for kind, content in self._collect(name, identity).items()}
+            contents = {topic: content for name in self._names
+                        for topic, content in self._collect(name, identity).items()}
             self.missing = [topic for topic, content in contents.items() if content is None]
             # A plan may be published again.
             if not self.missing and (not identity or identity != self._assembled):
@@ -91,27 +96,32 @@ class Assembly:
         """Return the identities of the plans that a message belongs to, '' for one without."""
         if kind == 'power':
             return [key]
-        powers = self._messages[f'{name}/power'].values()
-        return [power.key for power in powers if getattr(power, kind) == key] or ['']
+        is_schedule = f'{name}/{kind}' == SCHEDULE
+        powers = self._messages[f'{self._names[0] if is_schedule else name}/power'].values()
+        return [power.key for power in powers if getattr(power, kind) == key] or (
+            [] if is_schedule else [''])
 
     def _collect(self, name: str, identity: str) -> dict[str, Any]:
-        """Return the messages of a UAV in a plan by kind, None for a missing one."""
+        """Return the messages of a UAV in a plan by topic, None for a missing one."""
         powers, paths, trajectories = (
             self._messages[f'{name}/{kind}'] for kind in ('power', 'path', 'trajectory'))
         power = powers.get(identity)
         if identity:
-            return {'power': None} if power is None else {
-                'path': paths.get(power.path), 'power': power,
-                'trajectory': trajectories.get(power.trajectory)}
+            return {f'{name}/power': None} if power is None else {
+                f'{name}/path': paths.get(power.path), f'{name}/power': power,
+                f'{name}/trajectory': trajectories.get(power.trajectory),
+                **({SCHEDULE: self._messages[SCHEDULE].get(power.schedule)}
+                   if power.schedule else {})}
         named = {digest for content in powers.values()
                  for digest in (content.path, content.trajectory)}
         path, trajectory = (next((kept[key] for key in reversed(kept) if key not in named), None)
                             for kept in (paths, trajectories))
         if None in (path, trajectory) or trajectory.stamp_ns != path.stamp_ns:
             trajectory = None
-        contents = {'path': path, 'power': power, 'trajectory': trajectory}
+        contents = {f'{name}/path': path, f'{name}/power': power,
+                    f'{name}/trajectory': trajectory}
         if trajectory is None and not self._expects(f'{name}/trajectory'):
-            del contents['trajectory']
+            del contents[f'{name}/trajectory']
         return contents
 
 
@@ -151,10 +161,24 @@ def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mappin
             **motion_limits)
         for name, line, line_z, mean, most, motion_limits in zip(
             names, positions, places[:, 0, 2], average, peak, limits, strict=True))
+    schedule = contents.get(SCHEDULE)
+    if schedule is not None:
+        fields = {**fields, 'ground_nodes': _name_nodes(fields['ground_nodes'], schedule)}
     scenario = Scenario(uavs=uavs, duration=slot_duration * slots, slots=slots, **fields)
-    plan = Plan(scenario, positions, watts, start_ns=start_ns)
+    plan = Plan(scenario, positions, watts, start_ns=start_ns,
+                shares=None if schedule is None else schedule.shares)
     _check_motions(plan, motions)
     return plan
+
+
+def _name_nodes(nodes: Sequence[GroundNode], schedule: ScheduleContent
+                ) -> tuple[GroundNode, ...]:
+    """Return the ground nodes with the names of a schedule, or raise a PlanError."""
+    if len(nodes) != len(schedule.names):
+        raise PlanError(f'the plan serves {", ".join(schedule.names)}, and there are positions of '
+                        f'{len(nodes)} ground nodes; there must be that of each')
+    return tuple(replace(node, name=name)
+                 for node, name in zip(nodes, schedule.names, strict=True))
 
 
 def _check_trajectory(name: str, trajectory: TrajectoryContent, path: PathContent) -> None:

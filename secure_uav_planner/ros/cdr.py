@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import brief, PlanError
 from ..mission.fields import find_range
-from ..mission.scenario import Array, Scenario
+from ..mission.scenario import Array, MAX_NODES, Scenario
 
 _POSE, _POINT = 56, 184  # Bytes of a pose, and of a point with one of each of its parts.
 _MOST = int(find_range(Scenario, 'slots').high) + 2  # Points.
@@ -56,12 +56,31 @@ class PowerContent(NamedTuple):
     :ivar key: identity of the plan, empty if the message does not name it.
     :ivar path: digest of the path of that plan.
     :ivar trajectory: likewise.
+    :ivar schedule: likewise, empty for a plan with a single ground node.
     """
 
     levels: Array
     key: str = ''
     path: str = ''
     trajectory: str = ''
+    schedule: str = ''
+
+
+class ScheduleContent(NamedTuple):
+    """
+    Content of a schedule, a std_msgs/Float64MultiArray.
+
+    :ivar shares: of the slots, (G, N).
+    :ivar names: of the ground nodes.
+    """
+
+    shares: Array
+    names: list[str]
+
+    @property
+    def key(self) -> str:
+        """Digest of the shares."""
+        return digest(0, self.shares)
 
 
 class TrajectoryContent(NamedTuple):
@@ -113,15 +132,31 @@ def read_path(data: bytes) -> PathContent:
 def read_power(data: bytes) -> PowerContent:
     """Return the content of a power, or raise a PlanError."""
     with _reading():
-        cursor, labels = _Cursor(data), []
-        for _ in range(cursor.integer()):
-            labels.append(cursor.string())
-            cursor.integer(), cursor.integer()  # Size and stride.
-        cursor.integer()  # The offset of the data.
-        count = cursor.count()
-        levels = cursor.array('<f8', (count,), (8,), cursor.align(8))
+        labels, _, levels = _read_array(data, _MOST)
         names = labels[1].split(' ') if len(labels) == 2 else []
-        return PowerContent(levels, *names if len(names) == 3 else ())
+        return PowerContent(levels, *names if len(names) in (3, 4) else ())
+
+
+def read_schedule(data: bytes) -> ScheduleContent:
+    """Return the content of a schedule, or raise a PlanError."""
+    with _reading():
+        labels, (nodes, slots, _), values = _read_array(data, MAX_NODES * _MOST)
+        _, *names = labels[2].split(' ')
+        if len(names) != nodes:
+            raise ValueError(f'it names {len(names)} ground nodes and has shares for {nodes}')
+        return ScheduleContent(values.reshape(nodes, slots), names)
+
+
+def _read_array(data: bytes, most: int) -> tuple[list[str], list[int], Array]:
+    """Return labels, sizes and values, `most` at most, of a std_msgs/Float64MultiArray."""
+    cursor, labels, sizes = _Cursor(data), [], []
+    for _ in range(cursor.integer()):
+        labels.append(cursor.string())
+        sizes.append(cursor.integer())
+        cursor.integer()  # The stride.
+    cursor.integer()  # The offset of the data.
+    count = cursor.count(most)
+    return labels, sizes, cursor.array('<f8', (count,), (8,), cursor.align(8))
 
 
 def read_trajectory(data: bytes) -> TrajectoryContent:
@@ -174,10 +209,10 @@ class _Cursor:
         self.at += 4
         return int(value)
 
-    def count(self) -> int:
+    def count(self, most: int = _MOST) -> int:
         value = self.integer()
-        if value > _MOST:
-            raise ValueError(f'it has {value} points; at most {_MOST} are allowed')
+        if value > most:
+            raise ValueError(f'it has {value} points; at most {most} are allowed')
         return value
 
     def stamp(self) -> int:

@@ -8,7 +8,6 @@ of its own, and `isolated` keeps them from other ROS programs.
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 import threading
 import time
 from typing import Any
@@ -33,7 +32,7 @@ from std_srvs.srv import Trigger
 from . import messages
 from .assembly import Assembly
 from .local import free_domain, isolated, node_process
-from .topics import LATCHED, member_topics, STREAM, TOPICS
+from .topics import LATCHED, member_topics, STREAM, subscribe, TOPICS
 from ..errors import describe_error, PlanningError, quote
 from ..mission.scenario import Point, Scenario
 from ..plan.plan import Plan
@@ -41,8 +40,8 @@ from ..plan.plan import Plan
 __all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_process',
            'SecurePlanner')
 
-_RECEIVER_FIELDS = ('ground_node', 'eavesdroppers', 'ground_node_track', 'reference_snr_db',
-                    'channel', 'colluding', 'origin')
+_RECEIVER_FIELDS = ('ground_node', 'ground_nodes', 'eavesdroppers', 'ground_node_track',
+                    'reference_snr_db', 'channel', 'colluding', 'origin')
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s
 _MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.
@@ -78,7 +77,8 @@ class SecurePlanner:
         self.status: dict[str, str] = {}
         self.last_plan: Plan | None = None
         self.plan_time: TimeReference | None = None
-        self._receivers = ('ground_node', *self.scenario.eavesdropper_names)
+        self._receivers = (
+            *self.scenario.ground_node_names, *self.scenario.eavesdropper_names)
         self._namespace, self._on_status = namespace, on_status
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
@@ -101,11 +101,8 @@ class SecurePlanner:
             for kind in (Odometry, self._pose_kind(name)):
                 self._publisher(name, kind)
         self._assembly = Assembly(self.names, lambda topic: True)
-        for topic, (kind, *_) in TOPICS['replay', 'sub'].items():
-            for name in self.names:
-                member_topic = topic.replace('<uav>', name)
-                self._node.create_subscription(
-                    kind, member_topic, partial(self._take, member_topic), LATCHED, raw=True)
+        subscribe(self._node, TOPICS['replay', 'sub'], self._take,
+                  self._node.default_callback_group, self.names, raw=True)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
         self.receive(TimeReference, 'plan_time', self._take_plan_time)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -176,14 +173,14 @@ class SecurePlanner:
 
     def send_poses(self, stamp: Stamp | None = None) -> None:
         """Publish the scenario's positions of the receivers, by default stamped now."""
-        self.send_ground_node(self.scenario.ground_node, stamp)
-        for name, eavesdropper in zip(
-                self._receivers[1:], self.scenario.eavesdroppers, strict=True):
-            self.send_estimate(name, eavesdropper.position, stamp=stamp)
+        for name, receiver in zip(
+                self._receivers, (*self.scenario.ground_nodes, *self.scenario.eavesdroppers),
+                strict=True):
+            self.send_pose(name, receiver.position, stamp)
 
     def send_ground_node(self, position: Point, stamp: Stamp | None = None) -> None:
-        """Publish the position of the ground node, (x, y) in m."""
-        self.send_pose('ground_node', position, stamp)
+        """Publish the position of the first ground node, (x, y) in m."""
+        self.send_pose(self._receivers[0], position, stamp)
 
     def send_pose(self, name: str, position: Point, stamp: Stamp | None = None) -> None:
         """Publish the position of a UAV or of a receiver, (x, y) in m."""
@@ -312,7 +309,8 @@ class SecurePlanner:
         members = *self._receivers, *self.names
         if name not in members:
             raise ClientError(f'there is no member {quote(name)}; there are {", ".join(members)}')
-        return PoseWithCovarianceStamped if name in self._receivers[1:] else PoseStamped
+        return (PoseWithCovarianceStamped if name in self.scenario.eavesdropper_names
+                else PoseStamped)
 
     def _publisher(self, name: str, kind: Any) -> Publisher:
         """Return the publisher of poses or odometry of a member."""

@@ -23,7 +23,7 @@ import numpy as np
 import rclpy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import TimeReference
-from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -111,15 +111,33 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
     Return the Float64MultiArray with the power of a UAV in every slot, in W.
 
     Its second dimension, of size 1, names the messages of the plan: its label is the identity of
-    the plan, and the digests of the UAV's path and trajectory.
+    the plan, the digests of the UAV's path and trajectory and, with several ground nodes, that of
+    the schedule.
     """
     message = Float64MultiArray(data=array.array('d', plan.powers[uav].tobytes()))
     slots, start_ns, motion = plan.scenario.slots, plan.start_ns or 0, plan.curve.at(plan.times)
     path, trajectory = (digest(start_ns, *(line[uav] for line in lines)) for lines in (
         [plan.positions], [motion.positions, motion.velocities, motion.accelerations]))
+    names = [plan.identity, path, trajectory] + (
+        [digest(0, plan.shares)] if len(plan.shares) > 1 else [])
     message.layout.dim = [
         MultiArrayDimension(label='slot', size=slots, stride=slots),
-        MultiArrayDimension(label=f'{plan.identity} {path} {trajectory}', size=1, stride=1)]
+        MultiArrayDimension(label=' '.join(names), size=1, stride=1)]
+    return message
+
+
+def schedule(plan: Plan) -> Float64MultiArray:
+    """
+    Return the Float64MultiArray with the share of every slot for each ground node.
+
+    The label of its third dimension, of size 1, is the identity of the plan, and the nodes' names.
+    """
+    nodes, slots = plan.shares.shape
+    message = Float64MultiArray(data=array.array('d', plan.shares.tobytes()))
+    message.layout.dim = [
+        MultiArrayDimension(label=label, size=size, stride=stride) for label, size, stride in (
+            ('ground_node', nodes, nodes * slots), ('slot', slots, slots),
+            (' '.join([plan.identity, *plan.scenario.ground_node_names]), 1, 1))]
     return message
 
 
@@ -286,6 +304,7 @@ def plan_messages(plan: Plan, frame_id: str, time: float = 0.0) -> Iterator[tupl
         yield f'{uav.name}/path', path(plan, index, frame_id)
         yield f'{uav.name}/power', power(plan, index)
         yield f'{uav.name}/trajectory', trajectory(plan, index, frame_id)
+    yield '~/schedule', schedule(plan)
     yield '~/markers', markers(plan, frame_id, time)
 
 
@@ -319,6 +338,9 @@ def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: 
             _marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size), place),
             frame_id, stamp))
     yield '~/markers', MarkerArray(markers=spheres)
+    transmits = moment.powers[0] > 0 and moment.shares.any()
+    yield 'setpoint/served', String(
+        data=scenario.ground_node_names[moment.shares.argmax()] if transmits else '')
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:

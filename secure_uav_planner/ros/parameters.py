@@ -134,7 +134,8 @@ def _read_specs(section: str, prefix: str = '', index: int = 0) -> dict[str, Spe
     :param index: of the UAV of the paper, or the last one, whose values are the defaults.
     """
     owners = {'Scenario': _PAPER, 'Channel': _PAPER.channel, 'Propulsion': Propulsion(),
-              'Eavesdropper': _PAPER.eavesdroppers[0], 'Origin': Origin(0.0, 0.0),
+              'Eavesdropper': _PAPER.eavesdroppers[0], 'GroundNode': _PAPER.ground_nodes[0],
+              'Origin': Origin(0.0, 0.0),
               'Uav': _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]}
     return {f'{prefix}{name}': _read_spec(row, owners) for name, row in _TABLE[section].items()}
 
@@ -175,7 +176,7 @@ EMPTY_VALUES = {'geofence': [], 'los': NO_LOS, 'ceiling': 0.0, **{
 """Values of the parameters of mission fields that are None or infinite, by field."""
 
 PLANNER, REPLAY, RELAY = (_read_specs(node) for node in ('planner', 'replay', 'relay'))
-"""Parameters of the nodes that do not belong to one UAV, eavesdropper or zone."""
+"""Parameters of the nodes that do not belong to one UAV, receiver or zone."""
 
 LONGEST_FRAME = PLANNER['frame_id'].length[1]
 """The most characters of a frame_id; a path carries it once for every point."""
@@ -184,6 +185,11 @@ LONGEST_FRAME = PLANNER['frame_id'].length[1]
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
     return _read_specs('uav', f'{name}.', index)
+
+
+def ground_node_parameters(name: str) -> dict[str, Spec]:
+    """Return the parameters of one ground node by name."""
+    return _read_specs('ground_node', f'{name}.')
 
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:
@@ -197,15 +203,16 @@ def zone_parameters(name: str) -> dict[str, Spec]:
 
 
 def planner_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
-    """Return the planner's parameters of the UAVs, eavesdroppers and zones that values name."""
-    uavs, eavesdroppers, zones = (
-        values[kind] for kind in ('uavs', 'eavesdroppers', 'no_fly_zones'))
-    names = [*uavs, *eavesdroppers, *zones, 'ground_node']
+    """Return the planner's parameters of the UAVs, receivers and zones that values name."""
+    uavs, nodes, eavesdroppers, zones = lists = [
+        values[kind] for kind in ('uavs', 'ground_nodes', 'eavesdroppers', 'no_fly_zones')]
+    names = [name for members in lists for name in members]
     if len(set(names)) < len(names):
-        raise ParameterError('parameters uavs, eavesdroppers and no_fly_zones give the names '
-                             f"{names[:-1]}; they must be unique and not 'ground_node'")
+        raise ParameterError('parameters uavs, ground_nodes, eavesdroppers and no_fly_zones give '
+                             f'the names {names}; they must be unique')
     members = [*(uav_parameters(name, index) for index, name in enumerate(uavs)),
-               *map(eavesdropper_parameters, eavesdroppers), *map(zone_parameters, zones)]
+               *map(ground_node_parameters, nodes), *map(eavesdropper_parameters, eavesdroppers),
+               *map(zone_parameters, zones)]
     return {name: spec for specs in members for name, spec in specs.items()}
 
 

@@ -93,7 +93,8 @@ class Planner(Node):
         self.create_timer(_CHECK_PERIOD, self._on_check, clock=steady)
         topics = dict(TOPICS['planner', 'sub'])
         subscribe(self, {'plan_time': topics.pop('plan_time')}, self._on_plan_time, group, ())
-        subscribe(self, topics, self._on_pose, group, self._uavs, self._settings['eavesdroppers'])
+        subscribe(self, topics, self._on_pose, group, self._uavs, {
+            f'<{kind}>': self._settings[f'{kind}s'] for kind in ('ground_node', 'eavesdropper')})
 
     def close(self) -> bool:
         """Stop the solve under way; return True if its thread has ended."""
@@ -301,7 +302,8 @@ class Planner(Node):
         """Publish the plan in the plan file, if there is one."""
         file = self._settings['plan_file']
         try:
-            if not file or (plan := load_plan(file, self._uavs)) is None:
+            if not file or (
+                    plan := load_plan(file, self._uavs, self._settings['ground_nodes'])) is None:
                 return
             outgoing = messages.serialize_plan(plan, self._settings['frame_id'])
             self._publish_plan(plan, outgoing, 'plans', is_restored=True)

@@ -224,7 +224,7 @@ class PoseBook:
                  ) -> list[PoseError]:
         """Return an error for each topic whose pose cannot be used for planning."""
         problems = []
-        for name in ('ground_node', *settings['eavesdroppers']):
+        for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
             if name not in settings['tracks'] and (
                     self.usable_pose(name, settings, now, True) is None):
                 problems += self._reasons(name, settings, now, True)
@@ -271,7 +271,7 @@ class PoseBook:
         if abs(pose.height) > settings['height_tolerance']:
             return PoseError(
                 f'the pose on {topic} has z = {pose.height:g} m and height_tolerance is '
-                f'{settings["height_tolerance"]:g} m; the ground node and the eavesdroppers must '
+                f'{settings["height_tolerance"]:g} m; ground nodes and eavesdroppers must '
                 'be at z = 0 of the frame, above which altitudes count')
         try:
             _check_sizes(pose, settings)  # The confidence may have changed.

@@ -14,7 +14,7 @@ import numpy as np
 
 from .poses import error_radius, KnownPose, PoseBook
 from ..mission.fields import RADIUS
-from ..mission.scenario import Eavesdropper, Scenario
+from ..mission.scenario import Eavesdropper, GroundNode, Scenario
 from ..mission.tracks import LEFT_OUT, Track
 from ..plan.splice import move_receivers
 from ..plan.tracking import PlanClock
@@ -29,7 +29,7 @@ class Receivers(NamedTuple):
     """
     The receivers of a mission.
 
-    :ivar fields: the ground node and the eavesdroppers by the fields of Scenario.
+    :ivar fields: the ground nodes and the eavesdroppers by the fields of Scenario.
     :ivar promised_until: time of the plan in s until which estimates are predicted, or None where
         no receiver moves by an estimate.
     :ivar notes: what an operator should know of each receiver, by its name.
@@ -44,12 +44,10 @@ class Receivers(NamedTuple):
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
         later = move_receivers(scenario, scenario, seconds)
-        ground = scenario if 'ground_node' in self.scheduled else later
-        return replace(
-            later, ground_node=ground.ground_node, ground_node_track=ground.ground_node_track,
-            eavesdroppers=tuple(
-                old if old.name in self.scheduled else new for old, new in zip(
-                    scenario.eavesdroppers, later.eavesdroppers, strict=True)))
+        return replace(later, ground_node=LEFT_OUT, ground_node_track=None, **{
+            kind: tuple(old if old.name in self.scheduled else new for old, new in zip(
+                getattr(scenario, kind), getattr(later, kind), strict=True))
+            for kind in ('ground_nodes', 'eavesdroppers')})
 
 
 def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock,
@@ -63,40 +61,36 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     :raises ScenarioError: for a track whose values are out of range.
     """
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
-    confidence, eavesdroppers, notes = settings['confidence'], [], {}
+    nodes, eavesdroppers, notes = [], [], {}
     moving, scheduled = [], set()
-    for name in settings['eavesdroppers']:
+    for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
+        is_node, track = name in settings['ground_nodes'], settings['tracks'].get(name)
         pose = poses.usable_pose(name, settings, now, True)
-        track = settings['tracks'].get(name)
-        advantage = settings[f'{name}.receiver_advantage_db']
+        position = radius = LEFT_OUT
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'
             scheduled.add(name)
-            eavesdroppers.append(Eavesdropper(LEFT_OUT, LEFT_OUT, name, advantage, track))
-            continue
-        if track is not None:
-            notes[name] = f'the estimate of {name} counts, and not its track in the mission file'
-        radius = pose.radius(name, settings)
-        speed = settings[f'{name}.max_speed']
-        if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
-            notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has '
-                           'more; that counts')
-        predicted = _predict(pose, radius, speed, confidence, until, clock)
-        moving.append(predicted)
-        disc = (pose.position, radius) if predicted is None else (LEFT_OUT, LEFT_OUT)
-        eavesdroppers.append(Eavesdropper(*disc, name, advantage, predicted))
-    ground, track = poses.usable_pose('ground_node', settings, now, True), settings['tracks'].get(
-        'ground_node')
-    if ground is None:
-        notes['ground_node'] = 'the ground node moves on its track in the mission file'
-        scheduled.add('ground_node')
-    else:
-        predicted = _predict(ground, 0.0, 0.0, confidence, until, clock)
-        moving.append(predicted)
-        track = predicted and tuple(knot[:3] for knot in predicted)
+        else:
+            if track is not None:
+                notes[name] = (f'the estimate of {name} counts, and not its track in the mission '
+                               'file')
+            radius, speed = (0.0, 0.0) if is_node else (
+                pose.radius(name, settings), settings[f'{name}.max_speed'])
+            if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
+                notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has '
+                               'more; that counts')
+            track = _predict(pose, radius, speed, settings['confidence'], until, clock)
+            moving.append(track)
+            position, radius = (pose.position, radius) if track is None else (LEFT_OUT, LEFT_OUT)
+        if is_node:
+            nodes.append(GroundNode(position, name, settings[f'{name}.weight'],
+                                    track and tuple(knot[:3] for knot in track)))
+        else:
+            eavesdroppers.append(Eavesdropper(
+                position, radius, name, settings[f'{name}.receiver_advantage_db'], track))
     return Receivers(
-        {'ground_node': ground.position if track is None else LEFT_OUT,
-         'eavesdroppers': tuple(eavesdroppers), 'ground_node_track': track},
+        {'ground_node': LEFT_OUT, 'ground_node_track': None, 'ground_nodes': tuple(nodes),
+         'eavesdroppers': tuple(eavesdroppers)},
         clock.to_plan(until) if any(moving) else None, notes, frozenset(scheduled))
 
 

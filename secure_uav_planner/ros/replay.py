@@ -18,10 +18,10 @@ from . import messages
 from .assembly import Assembly
 from .parameters import REPLAY
 from .process import run_node
-from .settings import channel_from, Settings
+from .settings import channel_from, points_from, Settings
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, quote
-from ..mission.scenario import Eavesdropper, Point
+from ..mission.scenario import Eavesdropper, GroundNode, Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 from ..plan.player import Player, Point3
@@ -157,10 +157,10 @@ class Replay(Node):
 
     def _assemble(self) -> None:
         """Load the plan of the topics, if it can be used."""
-        ground_node = tuple(self._settings['ground_node'])
+        nodes = points_from('ground_node', self._settings['ground_node'])
         received = self._reception.plan(
-            ground_node=ground_node, channel=channel_from(self._settings),
-            eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
+            ground_nodes=tuple(map(GroundNode, nodes)), channel=channel_from(self._settings),
+            eavesdroppers=(Eavesdropper(self._eavesdropper or nodes[0]),),
             reference_snr_db=self._settings['reference_snr_db'])
         if received is None:
             return
@@ -320,7 +320,7 @@ class Replay(Node):
     def _announce_end(self) -> None:
         delivered, jump = self._player.delivered, self._player.largest_jump
         what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
-        detail = (' to the ground node, whatever leaked (true_eavesdropper is not set)'
+        detail = (' to the ground, whatever leaked (true_eavesdropper is not set)'
                   if self._eavesdropper is None else
                   f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
         self.get_logger().info(
@@ -339,6 +339,7 @@ def _load_plan(file: str) -> Plan | None:
 
 
 def _check(values: Mapping[str, Any]) -> None:
+    points_from('ground_node', values['ground_node'])
     place = values['true_eavesdropper']
     if len(place) == 1:
         raise ParameterError(

@@ -155,17 +155,18 @@ def check_plan_file(values: Mapping[str, Any]) -> None:
             ('plan_file',))
 
 
-def load_plan(file: str, uavs: Sequence[str]) -> Plan | None:
+def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
     """
-    Load a plan with a start for UAVs of these names, or return None without a file.
+    Load a plan with a start for UAVs and ground nodes of these names; None without a file.
 
     :raises PlanFileError: for another plan, or as Plan.load does.
     """
     if not Path(file).exists():
         return None
     plan = Plan.load(file)
-    if [uav.name for uav in plan.scenario.uavs] != [*uavs] or plan.start_ns is None:
-        raise PlanFileError(f'{file} is not a plan for {", ".join(uavs)}')
+    names = [uav.name for uav in plan.scenario.uavs], [*plan.scenario.ground_node_names]
+    if names != ([*uavs], [*nodes]) or plan.start_ns is None:
+        raise PlanFileError(f'{file} is not a plan for {", ".join([*uavs, *nodes])}')
     return plan
 
 
@@ -209,10 +210,10 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the zones and the geofence of the parameter values by the fields of Scenario."""
-    zones = (NoFlyZone(_points(f'{name}.vertices', values[f'{name}.vertices']),
+    zones = (NoFlyZone(points_from(f'{name}.vertices', values[f'{name}.vertices']),
                        values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
              for name in values['no_fly_zones'])
-    fence = _points('geofence', values['geofence'])
+    fence = points_from('geofence', values['geofence'])
     return {'no_fly_zones': tuple(zones),
             'geofence': checked_polygon('', 'geofence', fence) if fence else None}
 
@@ -225,7 +226,7 @@ def origin_from(values: Mapping[str, Any]) -> Origin | None:
         'latitude', 'longitude', 'projection')))
 
 
-def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
+def points_from(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
     """Return x1, y1, x2, y2, ... as points."""
     if len(numbers) % 2:
         raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
@@ -249,20 +250,17 @@ def load_mission(file: str) -> dict[str, Any]:
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
     """Return the values of a mission by parameter, and its tracks by receiver."""
-    if mission.ground_node is None:
-        raise ScenarioError(
-            f'ground_nodes are named {quote(list(mission.ground_node_names))}; the planner node '
-            'plans for a single ground_node', ('ground_nodes',))
     data = asdict(mission)
-    del data['ground_nodes']
     if mission.origin is None:
         del data['origin']
     else:
         del data['origin']['altitude']  # Which only files of zones need, which have been read.
-    tracks = {'ground_node': data.pop('ground_node_track'),
-              **{name: eve.pop('track') for name, eve in zip(
-                  mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}
+    data['ground_node'] = sum((node['position'] for node in data['ground_nodes']), ())
+    tracks = {name: receiver.pop('track') for name, receiver in zip(
+        (*mission.ground_node_names, *mission.eavesdropper_names),
+        (*data['ground_nodes'], *data['eavesdroppers']), strict=True)}
     names = {'uavs': [uav.name for uav in mission.uavs],
+             'ground_nodes': list(mission.ground_node_names),
              'eavesdroppers': list(mission.eavesdropper_names),
              'no_fly_zones': [name.replace(' ', '_') for name in mission.zone_names]}
     members = {kind: data.pop(kind) for kind in names}

@@ -33,6 +33,7 @@ STATUS_KEYS = {
                            'point 0',
     'plan.guaranteed_rate': 'its guaranteed rate, bit/s/Hz',
     'plan.worst_case_rate': 'its worst-case rate, bit/s/Hz',
+    'plan.node_rate.<ground_node>': 'mean rate of a ground node by the objective, bit/s/Hz',
     'plan.curve_rate': 'its guaranteed rate along the flown curve, bit/s/Hz',
     'plan.bound': 'what no plan can exceed, bit/s/Hz, with the parameter `bound`',
     'plan.claim': 'that bound in words',
@@ -60,7 +61,7 @@ STATUS_KEYS = {
                             'without odometry and poses. Beyond `track_tolerance` the level is '
                             'WARN',
     'track.rate': 'guaranteed rate so far where the UAVs really were, with the planned powers, '
-                  'bit/s/Hz',
+                  'of all ground nodes together, bit/s/Hz',
     'track.planned_rate': 'the same where the plan had them',
 }
 """The meaning of each value of the status by its key."""
@@ -130,13 +131,15 @@ class State:
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
     """Return a summary of a plan in one line, without any position."""
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
-    promise = plan.promise
+    promise, names = plan.promise, plan.scenario.ground_node_names
+    nodes = '' if len(names) == 1 else '; ' + ', '.join(
+        f'{name} {rate:.4f}' for name, rate in zip(names, promise.node_rates, strict=True))
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
             f'{name("guaranteed")} {promise.guaranteed_rate:.4f}, '
             f'{name("worst_case")} {promise.worst_case_rate:.4f} bit/s/Hz{promise.text}, '
             f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
-            f'{promise.curve_rate:.4f}' + (f'; {near}' if near else '')
+            f'{promise.curve_rate:.4f}{nodes}' + (f'; {near}' if near else '')
             + ('' if bound is None else f'; {bound.claim(plan)}'))
 
 
@@ -192,7 +195,8 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
             'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)}
         if state.bound is not None:
             values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
-    for name in ('ground_node', *settings['eavesdroppers'], *settings['uavs']):
+    for name in (
+            *settings['ground_nodes'], *settings['eavesdroppers'], *settings['uavs']):
         for topic in member_topics(name):
             pose = poses.get(topic)
             values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
@@ -204,7 +208,9 @@ def plan_values(plan: Plan) -> dict[str, Any]:
     promise = plan.promise
     return {'plan.guaranteed_rate': promise.guaranteed_rate, 'plan.curve_rate': promise.curve_rate,
             **closest_approach_values(plan), **_energy_values(plan),
-            'plan.worst_case_rate': promise.worst_case_rate,
+            'plan.worst_case_rate': promise.worst_case_rate, **{
+                f'plan.node_rate.{name}': rate for name, rate in zip(
+                    plan.scenario.ground_node_names, promise.node_rates.tolist(), strict=True)},
             'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
             'plan.status': plan.status, 'plan.iterations': _iterations(plan),
             'plan.solve_time': plan.solve_time}

@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import TimeReference
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -47,16 +47,19 @@ class Topic(NamedTuple):
     meaning: str
 
 
+SCHEDULE = 'planner/schedule'
+"""The topic of the planner's shares for other nodes."""
+
 _REPLAYED = 'what to replay, unless `plan_file` is set'
 
 TOPICS = {
     ('planner', 'sub'): {
         'plan_time': Topic(TimeReference, SENSOR,
                            'which plan a follower flies, and its progress in plan time'),
-        'ground_node/pose': Topic(PoseStamped, SENSOR, 'the position of the ground node'),
-        'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
-                                  'and how fast; used before its pose, unless that is fresher '
-                                  'by a second'),
+        '<ground_node>/pose': Topic(PoseStamped, SENSOR, 'the position of a ground node'),
+        '<ground_node>/odom': Topic(
+            Odometry, SENSOR, 'optional: where a ground node that moves is and how fast; used '
+            'before its pose, unless that is fresher by a second'),
         '<eavesdropper>/pose': Topic(
             PoseWithCovarianceStamped, SENSOR,
             'the estimated position; its covariance gives the error radius'),
@@ -74,6 +77,8 @@ TOPICS = {
         '<uav>/trajectory': Topic(
             MultiDOFJointTrajectory, LATCHED, 'position, velocity and acceleration of the flown '
             'curve at the times of the points'),
+        '~/schedule': Topic(Float64MultiArray, LATCHED,
+                            'the share of every slot for each ground node'),
         '~/markers': Topic(MarkerArray, LATCHED, 'the plan for RViz and Foxglove'),
         '~/status': Topic(DiagnosticStatus, LATCHED,
                           'state, rates and ages; also while solving'),
@@ -83,7 +88,9 @@ TOPICS = {
         '<uav>/power': Topic(Float64MultiArray, LATCHED, _REPLAYED),
         '<uav>/trajectory': Topic(
             MultiDOFJointTrajectory, LATCHED, 'the curve through the path; without it, the UAV '
-            'flies straight from point to point')},
+            'flies straight from point to point'),
+        SCHEDULE: Topic(Float64MultiArray, LATCHED, 'with several ground nodes: which one is '
+                        'served when')},
     ('replay', 'pub'): {
         '<uav>/setpoint/pose': Topic(PoseStamped, STREAM,
                                      'the pose that the UAV should have now'),
@@ -93,6 +100,8 @@ TOPICS = {
         '<uav>/setpoint/power': Topic(Float64, STREAM, 'the power of the current slot in W'),
         '<uav>/odom': Topic(Odometry, STREAM, 'a UAV that follows the plan exactly; with '
                             '`vehicle_odometry` where the real UAV is'),
+        'setpoint/served': Topic(String, STREAM, 'the ground node with the largest share of the '
+                                 'current slot; empty while nothing is transmitted'),
         '~/markers': Topic(MarkerArray, STREAM, 'the present positions of the UAVs'),
         'plan_time': Topic(TimeReference, STREAM,
                            'which plan is flown, and its progress in plan time'),
@@ -144,20 +153,21 @@ def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
 
 
 def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, Any], None],
-              group: CallbackGroup, uavs: Sequence[str], eavesdroppers: Sequence[str] = (),
-              raw: bool = False) -> dict[str, str]:
+              group: CallbackGroup, uavs: Sequence[str],
+              receivers: Mapping[str, Sequence[str]] = {}, raw: bool = False) -> dict[str, str]:
     """
     Subscribe to each topic.
 
     :param callback: called with the name of the topic, which has that of its member, and a
         message.
+    :param receivers: names of the ground nodes and of the eavesdroppers, by what stands for them.
     :param raw: whether messages are bytes, as they are sent.
     :return: the names in the graph of ROS, by those names.
     """
     return {name: node.create_subscription(
         topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
         qos_overriding_options=OVERRIDABLE, raw=raw).topic_name
-        for name, topic in _named(topics, {'<uav>': uavs, '<eavesdropper>': eavesdroppers})}
+        for name, topic in _named(topics, {'<uav>': uavs, **receivers})}
 
 
 def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Answer]]],

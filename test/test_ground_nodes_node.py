@@ -1,0 +1,154 @@
+"""Several ground nodes in the planner, the replay and the client: poses, schedule, replans."""
+
+from dataclasses import replace
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from ros_client import node_here, PATIENCE, refusal, stamp_at, wait_for
+from secure_uav_planner import fly_hover_fly, GroundNode, Plan, solve
+from secure_uav_planner.errors import PlanError
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.assembly import Assembly
+from secure_uav_planner.ros.client import SecurePlanner
+from secure_uav_planner.ros.topics import LATCHED, SCHEDULE
+from simulation import Simulation
+from std_msgs.msg import Float64MultiArray, String
+from test_ground_nodes import make_mission
+
+NAMES = ['barn', 'cart']
+SPEED = 0.5  # m/s, of the cart towards +x
+
+
+def make_farm(duration=120.0, **fields):
+    return make_mission([GroundNode((0.0, 150.0), 'barn'), GroundNode((0.0, -150.0), 'cart', 1.5)],
+                        duration, **fields)
+
+
+def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
+    scenario, mission, file = make_farm(), tmp_path / 'mission.yaml', tmp_path / 'plan.json'
+    scenario.save(mission)
+    plans, served = [], client.listen(String, 'setpoint/served', 1000)
+    clocks = client.listen(DiagnosticArray, '/diagnostics', 10)
+
+    with node_here('planner', use_sim_time=True, mission_file=mission, plan_file=file,
+                   start_delay=5.0, replan_lead=3.0, replan_period=20.0,
+                   objective='guaranteed'), \
+            node_here('replay', use_sim_time=True, mission_file=mission, autostart=True), \
+            SecurePlanner(scenario) as planner:
+
+        def send(now):
+            stamp, plan = stamp_at(now), planner.last_plan
+            planner.send_odometry('cart', cart_at(now), (SPEED, 0.0), stamp=stamp)
+            planner.send_pose('barn', (0.0, 150.0), stamp)
+            planner.send_estimate('eavesdropper', (200.0, 0.0), stamp=stamp)
+            if plan is not None and (not plans or plan.identity != plans[-1].identity):
+                plans.append(plan)
+
+        with Simulation(client, cart_at, 6.0, send):
+            wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
+            planner.wait_until(planner.knows_poses)
+            planner.plan()
+            planner.wait_until(lambda: planner.status.get('track.state') == 'ended',
+                               'the end of the flight', timeout=10 * PATIENCE)
+        status = planner.status
+        wait_for(lambda: file.exists() and Plan.load(file).identity == plans[-1].identity,
+                 what='the last plan in the file')
+    saved = Plan.load(file)
+    assert saved.scenario.ground_node_names == (*NAMES,) and len(plans) > 3
+    for field in ('positions', 'powers', 'shares'):
+        np.testing.assert_array_equal(getattr(plans[-1], field), getattr(saved, field))
+    for name, rate in zip(NAMES, saved.node_rates):
+        assert float(status[f'plan.node_rate.{name}']) == pytest.approx(rate, rel=1e-5)
+    assert {message.data for message in served} == {*NAMES, ''}
+    track = tuple((time, *cart_at(saved.start_ns * 1e-9 + time)) for time in (0.0, 121.0))
+    barn, cart = scenario.ground_nodes
+    hindsight = replace(scenario, ground_nodes=(barn, replace(cart, position=None, track=track)))
+    flown = Plan(hindsight, saved.positions, saved.powers, shares=saved.shares)
+    best = solve(hindsight, objective='guaranteed').rate
+    print(f'{status["replans"]} replans: {flown.rate:.4f}, in hindsight {best:.4f}; '
+          f'{flown.node_rates}')
+    assert flown.rate > 0.95 * best
+
+
+def cart_at(now):
+    """Return the place of the cart at a time of the clock in s."""
+    return SPEED * (now - 1000.0), -150.0
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return replace(solve(make_farm(slots=30), objective='guaranteed'), start_ns=10**18)
+
+
+@pytest.mark.parametrize('last', [SCHEDULE, 'uav1/power', 'uav2/trajectory'])
+def test_a_plan_waits_for_its_schedule_which_may_come_in_any_order(plan, last):
+    sent = {topic.replace('~', 'planner'): bytes(serialize_message(message))
+            for topic, message in messages.plan_messages(plan, 'map')}
+    del sent['planner/markers']
+    nodes, assembly = plan.scenario.ground_nodes, Assembly(['uav1', 'uav2'], lambda topic: True)
+    for topic in sorted(sent, key=lambda topic: topic == last):
+        is_whole = assembly.take(topic, sent[topic])
+        assert is_whole == (topic == last)
+    fields = {'eavesdroppers': plan.scenario.eavesdroppers}
+    with pytest.raises(PlanError, match='plan serves barn, cart, and there are positions of 1 '):
+        assembly.plan(ground_nodes=nodes[:1], **fields)
+    made, _ = assembly.plan(
+        ground_nodes=tuple(replace(node, name='ground_node') for node in nodes), **fields)
+    assert made.identity == plan.identity and made.node_rates == pytest.approx(plan.node_rates)
+    assert made.scenario.ground_node_names == (*NAMES,)
+    # Published again by a planner that has been restarted, it is no new plan.
+    assert not any(assembly.take(topic, message) for topic, message in sent.items())
+
+
+def test_the_schedule_of_a_single_node_belongs_to_no_plan():
+    plan = replace(fly_hover_fly(make_mission([(0.0, 0.0)], slots=30)), start_ns=10**18)
+    sent, assembly = dict(messages.plan_messages(plan, 'map')), Assembly(
+        ['uav1', 'uav2'], lambda topic: True)
+    schedule = sent['~/schedule']
+    assert [dim.label for dim in schedule.layout.dim] == [
+        'ground_node', 'slot', f'{plan.identity} ground_node']
+    assert not assembly.take(SCHEDULE, bytes(serialize_message(schedule)))
+    assert not assembly.problem
+
+
+def test_the_node_with_the_largest_share_is_served_while_anything_is_transmitted(plan):
+    playback, step = Playback(plan), plan.scenario.slot_duration
+    for time in np.arange(-1.0, plan.times[-1] + 2.0, step / 2):
+        slot = int(time / step + 1e-9) - 1
+        sent = dict(messages.setpoint_messages(
+            plan.scenario, playback.at(time), 'map', stamp_at(max(time, 0.0))))
+        expected = ''
+        if 0 <= slot < plan.scenario.slots and plan.powers[0, slot] > 0:
+            expected = NAMES[plan.shares[:, slot].argmax()]
+        assert sent['setpoint/served'].data == expected
+
+
+@pytest.mark.parametrize('parameters, reason', [
+    ({'ground_nodes': "['barn', 'north-farm']"}, "['barn', 'north-farm']; it must be a list of 1 "
+     'to 16 names of letters, digits and _'),
+    ({'ground_nodes': "['barn', 'uav1']"}, "['uav1', 'uav2', 'barn', 'uav1', 'eavesdropper']; "
+     'they must be unique'),
+    ({'ground_nodes': "['barn']", 'barn.weight': 0.0}, 'barn.weight is 0.0; it must be a number'),
+    ({'mission_file': 'north farm'}, "['north farm', 'cart']; it must be a list of 1 to 16")])
+def test_names_that_no_topic_can_have_are_refused(capfd, tmp_path, parameters, reason):
+    if 'mission_file' in parameters:
+        scenario, file = make_farm(), tmp_path / 'mission.yaml'
+        barn, cart = scenario.ground_nodes
+        replace(scenario, ground_nodes=(replace(barn, name='north farm'), cart)).save(file)
+        parameters = {'mission_file': file}
+    assert reason in refusal(capfd, 'planner', **parameters)
+
+
+def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, plan, tmp_path):
+    file = tmp_path / 'plan.json'
+    plan.save(file)
+    schedules = client.listen(Float64MultiArray, 'planner/schedule', LATCHED)
+    with node_here('planner', plan_file=file) as planner:
+        wait_for(lambda: any('is not a plan for uav1, uav2, ground_node' in line
+                             for line in planner.lines))
+    with node_here('planner', plan_file=file, ground_nodes="['barn', 'cart']"):
+        wait_for(lambda: schedules)
+    assert not np.any(np.reshape(schedules[0].data, plan.shares.shape) - plan.shares)
