@@ -47,7 +47,7 @@ def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
             if plan is not None and (not plans or plan.identity != plans[-1].identity):
                 plans.append(plan)
 
-        with Simulation(client, cart_at, 6.0, send):
+        with Simulation(client, send, 6.0):
             wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
             planner.wait_until(planner.knows_poses)
             planner.plan()

@@ -34,8 +34,9 @@ def main(seconds=20.0):
         started = time.monotonic()
         while (elapsed := time.monotonic() - started) < seconds:
             observe()
-            if planner.last_plan is not plan:
-                plan = planner.last_plan
+            newest = planner.last_plan
+            if newest is not plan and planner.status['plan.identity'] == newest.identity:
+                plan = newest
                 print(f'{plan.identity}: replan {planner.status["replans"]} at {elapsed:.1f} s, '
                       f'guaranteed {planner.status["plan.guaranteed_rate"]} bit/s/Hz')
             time.sleep(0.5)
