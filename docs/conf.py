@@ -20,8 +20,6 @@ from latex2mathml.converter import convert
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 _package = import_module('secure_uav_planner')
 _root = Path(_package.__file__).parents[1]
-for _name in _package.__all__:
-    getattr(_package, _name)  # autodoc documents only what has been imported.
 
 project = 'secure_uav_planner'
 author = 'secure_uav_planner maintainers'

@@ -13,7 +13,7 @@ from .formats.mission_file import read_mission, write_mission
 from .geography import convert_points, Origin
 from ..errors import quote, ScenarioError
 
-_Scenario = TypeVar('_Scenario', bound='Stored')
+Scenario = TypeVar('Scenario', bound='Stored')  # By this name the API's page shows it.
 
 
 class Stored(Checked):
@@ -44,7 +44,7 @@ class Stored(Checked):
         return dict(data)
 
     @classmethod
-    def from_dict(cls: type[_Scenario], data: Mapping[str, Any]) -> _Scenario:
+    def from_dict(cls: type[Scenario], data: Mapping[str, Any]) -> Scenario:
         """
         Return the scenario that to_dict wrote; missing fields take their defaults.
 
@@ -73,7 +73,7 @@ class Stored(Checked):
         write_mission(checked_path(path), self.to_dict())
 
     @classmethod
-    def load(cls: type[_Scenario], path: str | os.PathLike[str]) -> _Scenario:
+    def load(cls: type[Scenario], path: str | os.PathLike[str]) -> Scenario:
         """
         Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
 
