@@ -14,6 +14,8 @@ namespace kernel {
 
 constexpr double DUAL_RANGE = 1e4;  // How far a dual may leave its central value, as a factor.
 
+// For a number of UAVs that is known when compiling, or for any (UAVS = 0).
+template <int UAVS>
 class Constraints {
 public:
     explicit Constraints(const BarrierProblem& problem)
@@ -190,8 +192,9 @@ private:
     // Call a function with every power, 3 i in x, and its UAV.
     template <typename Function>
     void for_powers(Function function) const {
+        const int U = UAVS ? UAVS : p_.uavs;
         for (std::size_t n = 0; n < p_.slots; ++n)
-            for (int u = 0; u < p_.uavs; ++u) function(n * p_.uavs + u, u);
+            for (int u = 0; u < U; ++u) function(n * U + u, u);
     }
 
     // Call a function with every share that varies, as a variable and among all, (N, G), and with

@@ -40,12 +40,14 @@ private:
 // largest is t with -mu log(t - leak) for every eavesdropper, t being eliminated.
 enum class LeakKind { single, largest, colluding };
 
-// What is received by the eavesdroppers of a slot, `at`, and all numbers by rates are (E).
+// What is received by the eavesdroppers of a slot, `at`, and all numbers by rates are (E). For a
+// number of UAVs that is known when compiling, or for any (UAVS = 0).
+template <int UAVS>
 class Leak {
 public:
     explicit Leak(const BarrierProblem& problem)
-        : slots_(problem.slots), eves_(problem.eavesdroppers()), size_(3 * problem.uavs),
-          central_(eves_, 1.0), slopes_(eves_), mean_(size_), row_(size_) {
+        : slots_(problem.slots), eves_(problem.eavesdroppers()), uavs_(problem.uavs),
+          central_(eves_, 1.0), slopes_(eves_), mean_(size()), row_(size()) {
         if (eves_ == 1)
             kind_ = LeakKind::single;
         else
@@ -101,8 +103,8 @@ public:
         std::fill(mean_.begin(), mean_.end(), 0.0);
         if (kind_ == LeakKind::colluding) {
             for (int e = 0; e < eves_; ++e) {
-                add_scaled(central_[e], gradients + e * size_, mean_.data());
-                add_outer(weight * central_[e], gradients + e * size_, hessian);
+                add_scaled(central_[e], gradients + e * size(), mean_.data());
+                add_outer(weight * central_[e], gradients + e * size(), hessian);
             }
             return add_outer(-weight, mean_.data(), hessian);
         }
@@ -111,11 +113,11 @@ public:
         double sum = 0.0;
         for (int e = 0; e < eves_; ++e) {
             sum += duals[e] / slacks[e];
-            add_scaled(duals[e] / slacks[e], gradients + e * size_, mean_.data());
+            add_scaled(duals[e] / slacks[e], gradients + e * size(), mean_.data());
         }
         for (double& mean : mean_) mean /= sum;
         for (int e = 0; e < eves_; ++e) {
-            for (int j = 0; j < size_; ++j) row_[j] = gradients[e * size_ + j] - mean_[j];
+            for (int j = 0; j < size(); ++j) row_[j] = gradients[e * size() + j] - mean_[j];
             add_outer(weight * (duals[e] / slacks[e]), row_.data(), hessian);
         }
     }
@@ -129,7 +131,7 @@ public:
             const double* gradient = gradients + n * stride;
             for (double& slope : slopes_) {
                 slope = 0.0;
-                for (int j = 0; j < size_; ++j) slope += *gradient++ * step[n * size_ + j];
+                for (int j = 0; j < size(); ++j) slope += *gradient++ * step[n * size() + j];
             }
             const std::size_t i = n * eves_;
             find_epigraph_changes(eves_, mu, &iterate.evaluation.leak_slacks[i],
@@ -143,17 +145,19 @@ public:
     }
 
 private:
+    int size() const { return 3 * (UAVS ? UAVS : uavs_); }
+
     void add_scaled(double factor, const double* row, double* sum) const {
-        for (int j = 0; j < size_; ++j) sum[j] += factor * row[j];
+        for (int j = 0; j < size(); ++j) sum[j] += factor * row[j];
     }
 
     void add_outer(double weight, const double* row, double* hessian) const {
-        for (int j = 0; j < size_; ++j)
-            for (int m = 0; m <= j; ++m) hessian[j * size_ + m] += weight * row[j] * row[m];
+        for (int j = 0; j < size(); ++j)
+            for (int m = 0; m <= j; ++m) hessian[j * size() + m] += weight * row[j] * row[m];
     }
 
     const std::size_t slots_;
-    const int eves_, size_;
+    const int eves_, uavs_;
     LeakKind kind_;
     Reals central_, slopes_, changes_, mean_, row_;  // (E), (E), (N, E), (V), (V).
 };

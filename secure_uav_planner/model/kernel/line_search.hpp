@@ -16,6 +16,7 @@ constexpr int CLIPPED_TRIALS = 3, UNIFORM_TRIALS = 17;
 constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
 constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
 
+template <int UAVS>
 class LineSearch {
 public:
     explicit LineSearch(const BarrierProblem& problem)
@@ -29,7 +30,7 @@ public:
     // farther than stopping all at the first limit; then all go along the step.
     template <typename Evaluate>
     double search(const Iterate& iterate, const Reals& step, const Reals& gradient, double slope,
-                  const Constraints& constraints, const std::atomic<bool>& stop,
+                  const Constraints<UAVS>& constraints, const std::atomic<bool>& stop,
                   Evaluate evaluate) {
         const double uniform = constraints.limit_lengths(iterate, step.data(), lengths_);
         const double value = iterate.evaluation.value;
@@ -52,7 +53,7 @@ public:
     Reals x, shares;  // The last trial, (N, U, 3) and, where they vary, (N, G).
 
 private:
-    void move(const Iterate& iterate, const Reals& step, const Constraints& constraints,
+    void move(const Iterate& iterate, const Reals& step, const Constraints<UAVS>& constraints,
               double length) {
         for (std::size_t i = 0; i < x.size(); ++i) x[i] = iterate.x[i] + length * step[i];
         for (std::size_t i = 0; i < shares.size(); ++i)
@@ -62,7 +63,7 @@ private:
     // Stop every power, every flight and the shares of every slot at their own limits; return the
     // expected change of the barrier function.
     double move_clipped(const Iterate& iterate, const Reals& step, const Reals& gradient,
-                        const Constraints& constraints, double length) {
+                        const Constraints<UAVS>& constraints, double length) {
         const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);
         double expected = 0.0;
         std::size_t i = 0;

@@ -183,8 +183,8 @@ private:
     const BarrierProblem& p_;
     const int size_, rows_;  // Variables in x of a slot, and rows: of average powers and nodes.
     Rates<UAVS, Model> rates_;
-    Constraints constraints_;
-    LineSearch line_search_;
+    Constraints<UAVS> constraints_;
+    LineSearch<UAVS> line_search_;
     NewtonSystem<UAVS> system_;
     Evaluation trial_;
     Reals gradient_, step_, ratios_, path_;

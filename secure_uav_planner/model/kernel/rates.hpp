@@ -138,7 +138,7 @@ private:
 
     const BarrierProblem& p_;
     Signals<UAVS, Model> signals_;
-    Leak leak_;
+    Leak<UAVS> leak_;
     const bool several_;           // Whether there are several ground nodes.
     Reals weights_, central_;      // Of the rates of a slot, (K).
     Reals gradients_;              // Of all rates, (N, K, V).
