@@ -252,3 +252,14 @@ def test_a_lone_transmitter_serves_two_nodes():
     plan = solve(scenario)
     assert scenario.ground_node_names == ('ground_node1', 'ground_node2')
     assert plan.worst_case_rate > fly_hover_fly(scenario, power='optimised').worst_case_rate
+
+
+def test_a_lone_transmitter_serves_nodes_without_the_time_to_visit_them():
+    places = [(-184.0, -331.0), (-138.0, -35.0), (-291.0, 32.0), (-247.0, -57.0), (10.0, 266.0)]
+    plan = solve(Scenario(
+        ground_nodes=tuple(GroundNode(place, f'node{number}')
+                           for number, place in enumerate(places)),
+        eavesdroppers=(Eavesdropper((-157.0, 175.0), 20.0),),
+        uavs=(Uav('uav1', (31.0, -466.0), (-262.0, 126.0), 63.0, 11.8, max_acceleration=1.9),),
+        duration=136.0, slots=70), objective='guaranteed')
+    assert plan.guaranteed_rate > 0.1

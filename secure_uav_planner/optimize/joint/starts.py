@@ -10,6 +10,7 @@ from ..incumbent import find_powers_without_jamming
 from ..initial import build_flights, fly_around, list_orders, move_inside, project
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
+from ...model.channel import guaranteed_node_rates
 from ...model.channel.links import sight_radii
 from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import build_limits, NormLimit
@@ -27,6 +28,8 @@ MU = (0.006, 0.05)  # Barrier parameters to begin with, log-uniform.
 MOST_POWER = 10.0  # Of jammers in starts, in units of the transmitter's average power.
 MORE_JAMMING = 0.05  # The jamming power of every fourth start,
 CLOSE_MU = 3e-3  # and the barrier parameter of every second.
+WAY_PLACES = 128  # Random places around a ground node, of which a short way takes one,
+WAY_DISTANCE = (0.03, 4.0)  # and their distances, as DISTANCE.
 
 _ON = 0.9  # Power of a UAV that transmits, in units of its average power.
 _SILENT = 1e-5  # Power of a silent UAV, likewise.
@@ -79,7 +82,8 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
 
     The transmitter visits the nodes in the orders of list_orders in turn, every fourth time at
-    distances; in every other fourth it stays between the nodes.
+    distances; in every other fourth it stays between the nodes or, where it has no jammer, takes a
+    short way.
 
     :param places: of starts for the first ground node, (S, U, 2) in m.
     """
@@ -90,12 +94,42 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     for number, stop in enumerate(stops):
         if number % 4 == 3:
             stop[:, 0] = rng.dirichlet(np.ones(len(grounds))) @ grounds
+            if len(scenario.uavs) == 1:
+                stop[:, 0] = _find_short_way(scenario, grounds, orders[number // 4 % len(orders)])
             continue
         stop[:, 0] = grounds[orders[(number - number // 4) % len(orders)]]
         if number >= len(orders):
             distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (len(stop), 1))
             stop[:, 0] += distances * rng.normal(size=(len(stop), 2))
     return stops
+
+
+def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array:
+    """
+    Return stops from which nodes (G, 2) in m are served in an order without jamming, (G, 2) in m.
+
+    They are the shortest way from start to goal through random places around the nodes at which
+    these win: without a jammer, places on the way between the nodes may not.
+    """
+    rng, shape = np.random.default_rng(4), (len(nodes), WAY_PLACES)
+    distances = scenario.altitudes.mean() * _log_uniform(rng, WAY_DISTANCE, (*shape, 1))
+    distances[:, 0] = 0.0
+    places = nodes[order][:, None] + distances * rng.normal(size=(*shape, 2))
+    points = np.pad(places.reshape(1, -1, 2), ((0, 0), (1, 1), (0, 0)))
+    powers = np.full((1, points.shape[1] - 2), scenario.average_powers[0])
+    rates = guaranteed_node_rates(scenario, points, powers, times=np.full(
+        powers.shape[1], scenario.duration / 2)).reshape(len(nodes), *shape)
+    losses = np.where(rates[order, np.arange(len(nodes))] > 0, 0.0, np.inf)
+    lengths = losses[0] + np.linalg.norm(places[0] - scenario.starts[0], axis=-1)
+    choices = []
+    for before, here, loss in zip(places, places[1:], losses[1:]):
+        ways = lengths[:, None] + np.linalg.norm(before[:, None] - here, axis=-1)
+        choices.append(ways.argmin(axis=0))
+        lengths = ways.min(axis=0) + loss
+    best = [(lengths + np.linalg.norm(places[-1] - scenario.goals[0], axis=-1)).argmin()]
+    for choice in reversed(choices):
+        best.insert(0, choice[best[0]])
+    return places[np.arange(len(nodes)), best]
 
 
 def generate_starts(grid: Grid, problem: Problem, baseline: Array,
