@@ -1,8 +1,8 @@
 // Several ground nodes: the least of their means over weights is to be as large as possible.
 //
 // A node's mean is an offset and that over the slots of its rates, less the leak, in its shares of
-// them. The least of the means, eta, has -N mu log(mean - eta) for every node, and is eliminated, as
-// t is from leaks.
+// them. The least of the means, eta, has -N mu log(mean - eta) for every node, and is eliminated,
+// as t is from leaks.
 #pragma once
 
 #include <algorithm>
