@@ -91,7 +91,7 @@ def solve(scenario, on_iteration, **options):
 
         def solving():
             return [values for values in (values_of(message.status[0]) for message in diagnostics)
-                    if values['state'] == 'solving']
+                    if values['state'] == 'solving' and values['plans'] == '1']
         wait_for(lambda: len(solving()) > 2, what='a solve that is reported')
         assert not answer.done()
         (tmp_path / 'go').touch()
