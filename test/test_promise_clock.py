@@ -40,11 +40,11 @@ def planned(client, tmp_path, **parameters):
         simulation = Simulation(client, send, 6)
         with simulation:
             publishers.append(client.publisher(Odometry, 'eavesdropper/odom'))
-            status = client.listen(DiagnosticStatus, 'planner/status')
+            status = client.statuses
             clocks = client.listen(DiagnosticArray, '/diagnostics', 10)
             wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
-            wait_for(lambda: status and all(
-                values_of(status[-1])[f'pose_age.{topic}'] != 'none'
+            wait_for(lambda: all(
+                client.status.get(f'pose_age.{topic}', 'none') != 'none'
                 for topic in ('eavesdropper/odom', 'ground_node/pose')), what='the receivers')
             answer = client.call('planner/plan')
             assert answer.success, answer.message

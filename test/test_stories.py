@@ -55,7 +55,7 @@ class Story:
         self._checked, self._backs, self._calls = Counter(), Counter(), []
         self.places, self._push = {name: [] for name in self.names}, {}
         self.sources = client.listen(TimeReference, 'plan_time', 100)
-        self._statuses = client.listen(DiagnosticStatus, 'planner/status')
+        self._statuses = client.statuses
         for name in self.names:
             client.node.create_subscription(
                 MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
