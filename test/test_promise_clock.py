@@ -69,9 +69,13 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
         assert 'the flight is 15.0 s later' in promise_of(status[-1])[1]
         assert client.set_parameters('planner', replan_distance=900.0)[0].successful
         wait_for(lambda: promise_of(status[-1])[1] is None, what='a new promise')
+
         # It is about the car where that is when the flight comes there.
-        plan = Plan.load(tmp_path / 'plan.json')
-        until, time = promise_of(status[-1])[0], float(values_of(status[-1])['track.time'])
+        def find_saved():
+            plan, values = Plan.load(tmp_path / 'plan.json'), values_of(status[-1])
+            return plan.identity == values['plan.identity'] and (plan, values)
+        plan, values = wait_for(find_saved, what='the plan of the status in the file')
+        until, time = float(values['plan.promised_until']), float(values['track.time'])
         ahead = np.arange(np.ceil(time) + 1.0, until)  # Points of slots.
         _, (centres,), (radii,) = plan.scenario.receivers_at(ahead)
         truth = np.array([car_at(plan.start_ns * 1e-9 + 15.0 + at) for at in ahead])
