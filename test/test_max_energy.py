@@ -203,7 +203,7 @@ def test_a_mission_with_a_battery_is_planned_again_in_flight_with_what_is_left(c
     file = tmp_path / 'mission.yaml'
     scenario = make_paper(150.0, 20000.0)
     scenario.save(file)
-    with node_here('planner', mission_file=str(file), replan_distance=5.0, replan_lead=5.0):
+    with node_here('planner', mission_file=str(file), replan_distance=5.0, replan_lead=40.0):
         paths, powers = received(client)
         client.plan_paper()
         client.follow()
