@@ -20,7 +20,7 @@ from ..plan.plan import Plan
 _MOST_KEPT = 4  # Messages of a topic.
 _IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
 _SAME_ALTITUDE = _SAME_PLACE = 1e-3  # m
-_OF_UAV = {'path': read_path, 'power': read_power, 'trajectory': read_trajectory}
+_UAV_READERS = {'path': read_path, 'power': read_power, 'trajectory': read_trajectory}
 
 
 class Assembly:
@@ -39,7 +39,7 @@ class Assembly:
         self._names, self._expects = names, expects
         # The newest of each topic, by key: the identity of a plan, or a digest.
         self._messages: dict[str, dict[str, Any]] = {
-            SCHEDULE: {}, **{f'{name}/{kind}': {} for name in names for kind in _OF_UAV}}
+            SCHEDULE: {}, **{f'{name}/{kind}': {} for name in names for kind in _UAV_READERS}}
         self._identity, self._contents = '', dict[str, Any]()  # Of the plan that is complete.
         self._assembled = ''  # Identity of the last plan.
         self.missing: list[str] = []
@@ -51,7 +51,7 @@ class Assembly:
         :raises PlanError: if it cannot be read.
         """
         name, _, kind = topic.partition('/')
-        read = read_schedule if topic == SCHEDULE else _OF_UAV[kind]
+        read = read_schedule if topic == SCHEDULE else _UAV_READERS[kind]
         content, kept = read(message), self._messages[topic]
         key = content.key
         kept.pop(key, None)
