@@ -124,7 +124,8 @@ def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(
                       f'{hovering / 1e3:.3g})', 'uav2 (jams)']
     state = State()
     state.keep(replace(plan, start_ns=0))
-    status = status_values(state, None, False, PoseBook(), {'uavs': [], 'eavesdroppers': []}, 0.0)
+    status = status_values(state, None, False, PoseBook(), {
+        'ground_nodes': [], 'eavesdroppers': [], 'uavs': []}, 0.0)
     assert {key: value for key, value in status.items() if 'energy' in key} == {
         'plan.energy.uav1': total, 'plan.energy.uav1.hovering': hovering,
         'plan.energy.uav1.flying': flying}
