@@ -1,7 +1,7 @@
 """Plan how two or more UAVs fly and radiate so that a transmission stays secret."""
 
+from .apps import cli
 from .apps.campaigns import run_campaign
-from .apps.cli import VERSION as __version__
 from .assessment import assess, Assessment, World
 from .bound import shortest_duration, upper_bound
 from .errors import PlanningError
@@ -15,5 +15,7 @@ from .plan import Bound, Iteration, Plan
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'GroundNode', 'Iteration', 'METHODS',
            'NoFlyZone', 'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav',
-           'World', '__version__', 'assess', 'fly_hover_fly', 'read_zones', 'reference_snr_db',
+           'World', 'assess', 'fly_hover_fly', 'read_zones', 'reference_snr_db',
            'run_campaign', 'shortest_duration', 'solve', 'upper_bound']
+
+__version__ = cli.VERSION
