@@ -1,16 +1,25 @@
 """Several ground nodes are served fairly, by shares of the slots."""
 
 from dataclasses import replace
+from functools import partial
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import oracle
 import pytest
+from scipy.optimize import brentq
 from secure_uav_planner import (
-    assess, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve, Uav, upper_bound)
+    assess, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve, Uav,
+    upper_bound)
 from secure_uav_planner.errors import OptionError, PlanError
+from secure_uav_planner.model.channel import (
+    guaranteed_node_rates, guaranteed_rates, worst_case_node_rates, worst_case_rates)
+from secure_uav_planner.model.channel.rates import find_least_rate
 from secure_uav_planner.model.problem import Problem
+from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
+from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 
 LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
@@ -27,8 +36,32 @@ def make_mission(places, duration=120.0, **fields):
                    ground_nodes=tuple(nodes))
 
 
+def distrust(scenario, *numbers):
+    """Return a mission in which ground nodes with some numbers, or all, are not trusted."""
+    return replace(scenario, ground_nodes=tuple(
+        replace(node, trusted=bool(numbers) and number not in numbers)
+        for number, node in enumerate(scenario.ground_nodes)))
+
+
+def isolate(scenario, number):
+    """Return the mission of one node only, with eavesdroppers at the others that listen."""
+    node, hearers = scenario.ground_nodes[number], [
+        Eavesdropper(other.position) if other.track is None else
+        Eavesdropper(track=tuple((*knot, 0.0) for knot in other.track))
+        for index, other in enumerate(scenario.ground_nodes)
+        if index != number and not other.trusted]
+    alone = replace(scenario, ground_nodes=(GroundNode(node.position, track=node.track),),
+                    head_starts=(), eavesdroppers=(*scenario.eavesdroppers, *hearers))
+    if scenario.channel.outage is None:
+        return alone
+    # Each link and each side of it has its share of the outage.
+    links = len(scenario.eavesdroppers) + sum(2 - node.trusted for node in scenario.ground_nodes)
+    return replace(alone, channel=replace(scenario.channel, outage=scenario.channel.outage * (
+        1 + len(alone.eavesdroppers)) / links))
+
+
 def compute_node_rates(plan):
-    """Return the means of a_k [r_k - r_e]^+ of the guarantee, (G,), stated anew for free space."""
+    """Return the means of a_k [r_k - leak]^+ of the guarantee, (G,), anew for free space."""
     scenario, sums = plan.scenario, []
     snr = 10**(scenario.reference_snr_db / 10)
     for node, shares in zip(scenario.ground_nodes, plan.shares):
@@ -45,22 +78,27 @@ def compute_node_rates(plan):
                         distance**2 + uav.altitude**2))
                 return np.log2(1 + received[0] / (1 + sum(received[1:])))
 
-            place = node.position
-            if node.track is not None:
+            def find_place(node, at=time):
+                if node.track is None:
+                    return node.position
                 t, *axes = np.transpose(node.track)
-                place = [np.interp(time, t, axis) for axis in axes]
+                return [np.interp(at, t, axis) for axis in axes]
+
             leaks = [find_rate(
                 eve.position, eve.error_radius, 10**(eve.receiver_advantage_db / 10))
-                for eve in scenario.eavesdroppers]
+                for eve in scenario.eavesdroppers] + [
+                find_rate(find_place(listener)) for listener in scenario.ground_nodes
+                if listener is not node and not listener.trusted]
             leak = np.log2(1 + sum(2**leak - 1 for leak in leaks)) if (
                 scenario.colluding) else max(leaks)
-            total += shares[n] * max(find_rate(place) - leak, 0.0)
+            total += shares[n] * max(find_rate(find_place(node)) - leak, 0.0)
         sums.append(total / scenario.slots)
     return np.array(sums)
 
 
+@pytest.mark.parametrize('untrusted', [(), (1,), (0, 1, 2)])
 @pytest.mark.parametrize('colluding', [False, True])
-def test_rates_are_those_of_the_plain_formulas(colluding):
+def test_rates_are_those_of_the_plain_formulas(colluding, untrusted):
     rng = np.random.default_rng(4)
     scenario = replace(
         make_mission([GroundNode((0, 80), 'barn', 2.0), GroundNode(
@@ -68,6 +106,8 @@ def test_rates_are_those_of_the_plain_formulas(colluding):
             slots=12),
         eavesdroppers=(Eavesdropper((200, 0), 10.0), Eavesdropper((-150, 90), 30.0, 'drone', 3.0)),
         colluding=colluding)
+    if untrusted:
+        scenario = distrust(scenario, *untrusted)
     flight = fly_hover_fly(scenario)
     shares = rng.dirichlet(np.ones(3), scenario.slots).T
     plan = Plan(scenario, flight.positions, rng.uniform(0, 1, (2, 12)) * [[1.0], [0.01]],
@@ -77,6 +117,10 @@ def test_rates_are_those_of_the_plain_formulas(colluding):
     assert plan.guaranteed_rate == pytest.approx((rates / [2.0, 1.0, 0.5]).min(), rel=1e-9)
     assert plan.guaranteed_rates.sum() == pytest.approx(12 * rates.sum(), rel=1e-9)
     assert plan.worst_case_rate >= plan.guaranteed_rate
+    # With eavesdroppers at known places the guarantee is exact.
+    exact = replace(plan, scenario=replace(scenario, eavesdroppers=tuple(
+        replace(eve, error_radius=0.0) for eve in scenario.eavesdroppers)), objective='worst_case')
+    np.testing.assert_allclose(exact.node_rates, compute_node_rates(exact), rtol=1e-9)
 
 
 @pytest.mark.parametrize('layout, duration', BEST)
@@ -154,13 +198,23 @@ def test_the_rest_of_a_mission_makes_up_for_what_was_delivered_before(layout, po
     assert continue_plan(plan, point, unfair).rate < 0.99 * plan.rate
 
 
-@pytest.mark.parametrize('mu', [1e-1, 1e-3])
-@pytest.mark.parametrize('eves', [1, 2])
-def test_the_gradient_is_that_of_the_barrier_function(mu, eves):
+def make_farm(eves, colluding=False, untrusted=()):
+    """Return a mission of five slots with three ground nodes."""
     scenario = make_mission(
         [GroundNode((0, 80), weight=2.0), (90, -30), (-40, 10)], 300.0, slots=5)
     scenario = replace(scenario, head_starts=(0.0, 700.0, 200.0), eavesdroppers=tuple(
-        Eavesdropper((200 - 300 * index, 50), 10.0) for index in range(eves)))
+        Eavesdropper((200 - 500 * index, 50), 10.0) for index in range(eves)), colluding=colluding)
+    return distrust(scenario, *untrusted) if untrusted else scenario
+
+
+FARMS = pytest.mark.parametrize('farm', [
+    (1,), (2,), (1, False, (2,)), (1, True, (0, 1)), (2, False, (0, 1, 2)), (2, True, (1,))])
+
+
+@pytest.mark.parametrize('mu', [1e-1, 1e-3])
+@FARMS
+def test_the_gradient_is_that_of_the_barrier_function(mu, farm):
+    scenario = make_farm(*farm)
     grid = Problem(scenario).grid
     flight = fly_hover_fly(scenario)
     x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
@@ -190,6 +244,54 @@ def test_the_gradient_is_that_of_the_barrier_function(mu, eves):
         assert gradient[index] == pytest.approx(exact, rel=1e-5, abs=1e-5)
 
 
+@FARMS
+def test_the_kernel_has_the_rates_of_the_plain_formulas_in_discs_and_at_places(farm):
+    scenario = make_farm(*farm)
+    grid, flight = Problem(scenario).grid, fly_hover_fly(scenario)
+    x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
+    positions, powers, places = grid.positions(x), grid.powers(x), WorstPlaces(grid, x)
+    for barrier, find_rates in (
+            (InteriorPointSolver(grid, x[None], 0.1), guaranteed_node_rates),
+            (InteriorPointSolver(grid, x[None], 0.1, receivers=places.receivers,
+                                 discs=places.discs), worst_case_node_rates)):
+        shares = barrier.shares[0].T
+        rates = np.maximum(find_rates(scenario, positions, powers), 0.0)
+        least = find_least_rate(scenario, (shares * rates).mean(axis=1)) * np.log(2)
+        assert least > 0 and barrier.rates()[0] * grid.rate == pytest.approx(least, abs=2e-6)
+    places.exchange(x, shares, 1e-9)
+    assert places.rate == pytest.approx(least, abs=2e-6)
+
+
+@pytest.mark.parametrize('mu', [1e-1, 1e-3])
+@FARMS
+def test_the_hessian_is_that_of_each_node_with_the_others_that_listen_as_eavesdroppers(mu, farm):
+    scenario = make_farm(*farm)
+    grid, flight = Problem(scenario).grid, fly_hover_fly(scenario)
+    x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
+    barrier = InteriorPointSolver(grid, x[None], mu)
+    width = 6 + len(scenario.ground_nodes) - 1
+    hessians = np.empty((1, len(x), width, width))
+    barrier._core.evaluate(np.empty(1), np.empty((1, len(x) * width)), hessians)
+    weights, shares = scenario.node_weights, barrier.shares[0]
+    units = {name: getattr(grid, name) for name in (
+        'slots', 'slot_duration', 'power', 'length', 'origin', 'rate')}
+    objectives = [partial(oracle.objective, SimpleNamespace(
+        scenario=isolate(scenario, number), **units), mu=mu, softening=oracle.SOFTENING)
+        for number in range(len(weights))]
+    values = np.stack([objective(x) for objective in objectives], axis=-1)
+    if scenario.colluding or farm == (1,):
+        values -= mu * grid.rate  # A smooth leak has no t = mu.
+    losses = ((shares * values).mean(axis=0) - np.log(2) * scenario.node_offsets) / weights
+    unit = mu * grid.rate
+    top = brentq(lambda t: (unit / (t - losses)).sum() - 1, losses.max() + 0.1 * unit,
+                 losses.max() + 4 * unit, xtol=1e-15)
+    factors = shares * unit / (top - losses) / weights
+    exact = sum(factors[:, node, None, None] * oracle.hessians(objective, x)
+                for node, objective in enumerate(objectives))
+    np.testing.assert_allclose(
+        np.tril(hessians[0, :, :6, :6]), np.tril(exact), atol=1e-4 * np.abs(exact).max())
+
+
 def test_a_single_node_is_the_ground_node():
     paper = Scenario.paper(102.0)
     single = replace(paper, ground_node=None, ground_nodes=(GroundNode((0.0, 0.0)),))
@@ -200,7 +302,7 @@ def test_a_single_node_is_the_ground_node():
 
 
 def test_missions_and_plans_keep_their_nodes_in_files(tmp_path):
-    scenario = make_mission([GroundNode((0, 150), 'barn', 2.0),
+    scenario = make_mission([GroundNode((0, 150), 'barn', 2.0, trusted=False),
                              GroundNode(name='cart', track=((0, 0, 0), (10, 5, 5)))], 102.0)
     for name in ('mission.yaml', 'mission.json'):
         scenario.save(tmp_path / name)
@@ -228,8 +330,52 @@ def test_what_holds_for_one_node_only_is_refused_with_the_reason():
         upper_bound(scenario)
 
 
-def test_an_assessment_counts_the_least_of_the_nodes():
-    plan = solve(make_mission(LAYOUTS['C']), objective='guaranteed')
+@pytest.mark.parametrize('fields', [
+    {}, {'channel': Channel(los='suburban', outage=0.3)}, {'colluding': True}],
+    ids=['free_space', 'outage', 'colluding'])
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+def test_a_plan_that_knows_who_listens_beats_the_plan_that_trusts_all(objective, fields):
+    trusting = replace(make_mission(LAYOUTS['A'], slots=40), **fields)
+    scenario = distrust(trusting)
+    naive, plan = (solve(mission, objective=objective) for mission in (trusting, scenario))
+    naive = Plan(scenario, naive.positions, naive.powers, objective=objective)
+    assert plan.rate > 1.1 * naive.rate
+    if not fields:
+        assert assess(plan, 20).rates.min() >= plan.guaranteed_rate - 1e-9
+
+
+@pytest.mark.parametrize('colluding', [False, True])
+@pytest.mark.parametrize('channel', [Channel(), Channel(exponent=2.4, los='urban'), Channel(
+    los='suburban', rician_k_db=10.0, outage=0.1)], ids=['free_space', 'los', 'outage'])
+@pytest.mark.parametrize('untrusted', [(0, 1, 2), (2,)])
+def test_what_leaks_is_what_eavesdroppers_at_the_nodes_that_listen_hear(
+        untrusted, channel, colluding):
+    scenario = distrust(replace(make_mission(
+        [(0, 80), GroundNode(name='cart', track=((0, -50, 0), (60, 90, -30))), (120, -60)],
+        slots=12), channel=channel, colluding=colluding), *untrusted)
+    rng, flight = np.random.default_rng(5), fly_hover_fly(scenario)
+    flight = flight.positions, rng.uniform(0, 1, (2, 12)) * [[1.0], [0.01]]
+    for number in range(3):
+        alone = isolate(scenario, number)
+        np.testing.assert_allclose(guaranteed_node_rates(scenario, *flight)[number],
+                                   guaranteed_rates(alone, *flight), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(worst_case_node_rates(scenario, *flight)[number],
+                                   worst_case_rates(alone, *flight), atol=2e-6)
+
+
+def test_playback_counts_nodes_that_listen_without_any_eavesdropper():
+    scenario = distrust(make_mission([(0, 0), (0, 200)], slots=10))
+    flight = fly_hover_fly(scenario)
+    plan = Plan(scenario, flight.positions, flight.powers, shares=[[1.0] * 10, [0.0] * 10])
+    rates = Playback(plan).secrecy_rates(plan.times[1:-1])
+    alone = replace(plan, scenario=replace(scenario, eavesdroppers=(Eavesdropper((0, 200)),)))
+    np.testing.assert_allclose(rates, alone.guaranteed_rates, atol=1e-12)
+    assert (rates > 0).any() and (rates == 0).any()
+
+
+@pytest.mark.parametrize('change', [lambda scenario: scenario, distrust])
+def test_an_assessment_counts_the_least_of_the_nodes(change):
+    plan = solve(change(make_mission(LAYOUTS['C'])), objective='guaranteed')
     assessment = assess(plan, 50)
     assert assessment.promised_rate == plan.guaranteed_rate
     assert (assessment.rates >= plan.guaranteed_rate - 1e-9).all() and assessment.outage == 0

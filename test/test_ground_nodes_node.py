@@ -16,7 +16,7 @@ from secure_uav_planner.ros.client import SecurePlanner
 from secure_uav_planner.ros.topics import LATCHED, SCHEDULE
 from simulation import Simulation
 from std_msgs.msg import Float64MultiArray, String
-from test_ground_nodes import make_mission
+from test_ground_nodes import distrust, make_mission
 
 NAMES = ['barn', 'cart']
 SPEED = 0.5  # m/s, of the cart towards +x
@@ -28,7 +28,8 @@ def make_farm(duration=120.0, **fields):
 
 
 def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
-    scenario, mission, file = make_farm(), tmp_path / 'mission.yaml', tmp_path / 'plan.json'
+    scenario = distrust(make_farm(), 1)
+    mission, file = tmp_path / 'mission.yaml', tmp_path / 'plan.json'
     scenario.save(mission)
     plans, served = [], client.listen(String, 'setpoint/served', 1000)
     clocks = client.listen(DiagnosticArray, '/diagnostics', 10)
@@ -58,6 +59,7 @@ def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
                  what='the last plan in the file')
     saved = Plan.load(file)
     assert saved.scenario.ground_node_names == (*NAMES,) and len(plans) > 3
+    assert saved.scenario.listeners == (1,)
     for field in ('positions', 'powers', 'shares'):
         np.testing.assert_array_equal(getattr(plans[-1], field), getattr(saved, field))
     for name, rate in zip(NAMES, saved.node_rates):

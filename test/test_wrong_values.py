@@ -129,6 +129,7 @@ MISSIONS = [
      '64.6 m, which leaves'),
     (GroundNode, {}, 'position', 'ground_node.position is None'),
     (GroundNode((0, 0)), {'weight': 0.0}, 'weight', 'a number from 0.001 to 1000'),
+    (GroundNode((0, 0)), {'trusted': 'no'}, 'trusted', 'true or false'),
     (PAPER, {'ground_nodes': (GroundNode((0, 0)), GroundNode((1, 1)))}, 'ground_node',
      'must be left out where there are ground_nodes'),
     (serve, {'names': 'abcdefghijklmnopq'}, 'ground_nodes', 'a list of 1 to 16 GroundNode'),

@@ -13,7 +13,7 @@ from ..errors import name_missing_package, OptionError, quote
 from ..mission.scenario import Array, read_only, Scenario
 from ..mission.validation import checked_kind, checked_real
 from ..model.channel.links import make_link
-from ..model.channel.rates import combine_leaks, compute_rate
+from ..model.channel.rates import combine_leaks, compute_rate, include_listeners
 from ..plan.plan import Plan
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
 
 def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
            world: World) -> Iterator[Array]:
-    """Yield r_k - r_e of the ground nodes in each slot, (G, D) in bit/s/Hz."""
+    """Yield r_k less the leak of the ground nodes in each slot, (G, D) in bit/s/Hz."""
     channel, nodes = scenario.channel, len(scenario.ground_nodes)
     count = nodes + len(scenario.eavesdroppers)
     places = draw_places(scenario, world, draws, seed)
@@ -261,4 +261,5 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))
         leak = (combine_leaks(np.stack(rates[nodes:], axis=-1)) if scenario.colluding else
                 np.max(rates[nodes:], axis=0))
+        leak = include_listeners(scenario, leak, [rates[node] for node in scenario.listeners])
         yield np.broadcast_to(np.subtract(rates[:nodes], leak), (nodes, draws))

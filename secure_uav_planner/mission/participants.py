@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from .fields import (
-    Block, Checked, checked_by, checked_name, checked_point, checked_text, FieldChecks, Members,
-    Number, number, Pair, Point, RADIUS)
+    Block, Checked, checked_by, checked_name, checked_point, checked_text, checked_truth,
+    FieldChecks, Members, Number, number, Pair, Point, RADIUS)
 from .kinematics import Vehicle
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
@@ -85,6 +85,8 @@ class GroundNode(Checked):
     :param weight: of its rate: the least of the rates divided by weights is maximised.
     :param track: of a node that moves, its place at 2 to 1000 times: (t, x, y) each, as in the
         track of an Eavesdropper.
+    :param trusted: whether it may hear what is sent to other ground nodes; otherwise their leak
+        counts it as an eavesdropper at its place.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -93,6 +95,7 @@ class GroundNode(Checked):
     weight: float = field(default=1.0, metadata=number(1e-3, 1e3))
     track: Track | None = field(
         default=None, metadata=checked_by(partial(checked_track, radius=False)))
+    trusted: bool = field(default=True, metadata=checked_by(checked_truth))
 
     _OWNER = 'ground node '
 

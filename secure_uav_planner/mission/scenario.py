@@ -90,7 +90,7 @@ class Scenario(Stored):
         each, as in the track of an Eavesdropper. Then ground_node is that at point 0, and another
         value is an error.
     :param ground_nodes: up to 16 GroundNode instead of ground_node, between which each slot is
-        shared. A single one with the default name and weight becomes the ground_node, as that
+        shared. A single one with defaults but for its place becomes the ground_node, as that
         becomes the only one of these.
     :param head_starts: what each of several ground nodes was delivered before point 0 beyond its
         weight times that of the least served, in bit/Hz, which counts in its mean; none by
@@ -239,6 +239,12 @@ class Scenario(Stored):
     def ground_node_names(self) -> tuple[str, ...]:
         """Names of the ground nodes, numbered likewise."""
         return make_unique([node.name for node in self.ground_nodes])
+
+    @cached_property
+    def listeners(self) -> tuple[int, ...]:
+        """Numbers of the ground nodes that are not trusted, and so leak what others are sent."""
+        return tuple(number for number, node in enumerate(self.ground_nodes)
+                     if not node.trusted and len(self.ground_nodes) > 1)
 
     @cached_property
     def node_offsets(self) -> Array:

@@ -211,7 +211,9 @@ def resample_flights(positions: Array, slots: int) -> Array:
 @dataclass(frozen=True, eq=False)
 class Receivers:
     """
-    The ground nodes, G, and the eavesdroppers, E, K = G + E receivers, in the units of a Grid.
+    The ground nodes, G, the eavesdroppers, E, and nodes again that listen, in units of a Grid.
+
+    Those that listen, L, count as eavesdroppers of what others are sent: K = G + E + L receivers.
 
     :param positions: at the points of the slots, (N, K, 2).
     :param radii: epsilon, which the guarantee adds to a jammer's distance, and subtracts from the
@@ -219,6 +221,7 @@ class Receivers:
     :param link: of the UAVs, for arrays (..., K, U).
     :param weights: of the ground nodes, (G,).
     :param offsets: of their mean rates, (G,) in nats.
+    :param listeners: the numbers of the nodes that listen, (L,).
     """
 
     positions: Array
@@ -226,30 +229,37 @@ class Receivers:
     link: FreeSpace
     weights: Array
     offsets: Array
+    listeners: tuple[int, ...]
 
     @classmethod
     def of(cls, grid: Grid, elevation_offset: float = 0.0) -> 'Receivers':
         """Return the receivers of a grid's scenario for the guarantee; see make_links."""
         grounds, centres, radii = grid.scenario.receivers_at(grid.times)
-        positions = np.concatenate([grounds, centres]).swapaxes(0, 1) - grid.origin
-        radii = np.concatenate([np.zeros(grounds.shape[:2]), radii]).T
+        listeners = grid.scenario.listeners
+        heard = grounds[list(listeners)]
+        positions = np.concatenate([grounds, centres, heard]).swapaxes(0, 1) - grid.origin
+        radii = np.concatenate(
+            [np.zeros(grounds.shape[:2]), radii, np.zeros(heard.shape[:2])]).T
         link = make_links(grid.scenario, grid.length, grid.power, elevation_offset)
         return cls(positions / grid.length, radii / grid.length, link,
-                   grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets)
+                   grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
         """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
-        nodes = len(self.weights)
-        eves = self.radii.shape[1] - nodes
-        copies = np.repeat(np.arange(nodes + eves),
-                           [1] * nodes + [places.shape[1] // eves] * eves)
-        positions = np.concatenate([self.positions[:, :nodes], places], axis=1)
-        return Receivers(positions, np.zeros(positions.shape[:2]),
-                         self.link.select_receivers(copies), self.weights, self.offsets)
+        nodes, listeners = len(self.weights), len(self.listeners)
+        eves = self.radii.shape[1] - nodes - listeners
+        copies = np.repeat(np.arange(self.radii.shape[1]), [
+            *[1] * nodes, *[places.shape[1] // eves] * eves, *[1] * listeners])
+        positions = np.concatenate([
+            self.positions[:, :nodes], places, self.positions[:, nodes + eves:]], axis=1)
+        return replace(self, positions=positions, radii=np.zeros(positions.shape[:2]),
+                       link=self.link.select_receivers(copies))
 
-    def rates(self, x: Array) -> tuple[Array, Array]:
-        """Return r_k (N, G) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
+    def rates(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return those of nodes (N, G), eavesdroppers and listeners at x (N, U, 3) in nats."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))
-        return rates[:, :len(self.weights)], rates[:, len(self.weights):]
+        grounds, leaks, heard = np.split(
+            rates, [len(self.weights), rates.shape[1] - len(self.listeners)], axis=1)
+        return grounds, leaks, heard

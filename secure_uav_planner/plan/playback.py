@@ -105,9 +105,8 @@ class Playback:
                times: Array) -> Array:
         points = np.pad(positions, ((0, 0), (1, 1), (0, 0)))
         scenario, shares = self.plan.scenario, self.shares_at(times)
-        rates = channel.node_ground_rates(scenario, points, powers, times)
-        if eavesdropper is not None:
-            rates = np.maximum(0.0, channel.secrecy_node_rates(
-                scenario, points, powers, eavesdropper, times=times))
-        together: Array = (shares * rates).sum(axis=0)
+        rates = (channel.find_node_rates(scenario, points, powers, np.zeros(len(times)), times)
+                 if eavesdropper is None else channel.secrecy_node_rates(
+                     scenario, points, powers, eavesdropper, times=times))
+        together: Array = (shares * np.maximum(0.0, rates)).sum(axis=0)
         return together

@@ -84,7 +84,8 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
             position, radius = (pose.position, radius) if track is None else (LEFT_OUT, LEFT_OUT)
         if is_node:
             nodes.append(GroundNode(position, name, settings[f'{name}.weight'],
-                                    track and tuple(knot[:3] for knot in track)))
+                                    track and tuple(knot[:3] for knot in track),
+                                    settings[f'{name}.trusted']))
         else:
             eavesdroppers.append(Eavesdropper(
                 position, radius, name, settings[f'{name}.receiver_advantage_db'], track))

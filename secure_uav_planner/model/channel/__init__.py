@@ -6,14 +6,14 @@ divided by the noise power, so they are SNRs per watt.
 """
 
 from .rates import (
-    find_rate_scale, ground_gains, ground_rates, ground_squared_distances, guaranteed_gains,
-    guaranteed_node_rates, guaranteed_rates, guaranteed_squared_distances, node_ground_rates,
-    secrecy_node_rates, secrecy_rates)
+    find_node_rates, find_rate_scale, ground_gains, ground_rates, ground_squared_distances,
+    guaranteed_gains, guaranteed_node_rates, guaranteed_rates, guaranteed_squared_distances,
+    node_ground_rates, secrecy_node_rates, secrecy_rates)
 from .worst_case import (
     leak_maximisers, worst_case_node_rates, worst_case_places, worst_case_rates)
 
-__all__ = ['find_rate_scale', 'ground_gains', 'ground_rates', 'ground_squared_distances',
-           'guaranteed_gains', 'guaranteed_node_rates', 'guaranteed_rates',
-           'guaranteed_squared_distances', 'leak_maximisers', 'node_ground_rates',
-           'secrecy_node_rates', 'secrecy_rates', 'worst_case_node_rates', 'worst_case_places',
-           'worst_case_rates']
+__all__ = ['find_node_rates', 'find_rate_scale', 'ground_gains', 'ground_rates',
+           'ground_squared_distances', 'guaranteed_gains', 'guaranteed_node_rates',
+           'guaranteed_rates', 'guaranteed_squared_distances', 'leak_maximisers',
+           'node_ground_rates', 'secrecy_node_rates', 'secrecy_rates', 'worst_case_node_rates',
+           'worst_case_places', 'worst_case_rates']

@@ -164,19 +164,20 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
 def make_links(scenario: Scenario, length: float, power: Array,
                elevation_offset: float = 0.0) -> FreeSpace:
     """
-    Return the links to the ground nodes and to every eavesdropper, for arrays (..., K, U).
+    Return the links to K receivers as in a Grid's Receivers, for arrays (..., K, U).
 
     :param length: the unit of length in m, as power (U,) has those of powers in W.
     :param elevation_offset: homotopy parameter in degrees, by which gains of links that help begin
         to rise early, above those that count, so that optimisation finds from outside where there
         are lines of sight.
     """
-    nodes, eves = len(scenario.ground_nodes), len(scenario.eavesdroppers)
-    link = _link(scenario, [0] * nodes + [1] * eves, (nodes + eves, -1),
+    nodes, listeners = len(scenario.ground_nodes), len(scenario.listeners)
+    hearers = len(scenario.eavesdroppers) + listeners
+    link = _link(scenario, [0] * nodes + [1] * hearers, (nodes + hearers, -1),
                  scenario.reference_snr * power / length**scenario.channel.exponent,
                  scenario.altitudes / length, elevation_offset)
-    return link.for_receivers(
-        np.append(np.ones(nodes), scenario.receiver_advantages)[:, None])
+    return link.for_receivers(np.concatenate([
+        np.ones(nodes), scenario.receiver_advantages, np.ones(listeners)])[:, None])
 
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
@@ -214,7 +215,9 @@ def _outage_share(scenario: Scenario) -> float:
     """
     channel = scenario.channel
     causes = (channel.rician_k_db is not None) + (channel.los is not None)
-    links = len(scenario.uavs) * (len(scenario.ground_nodes) + len(scenario.eavesdroppers))
+    # A link to a node that listens can be on either wrong side.
+    links = len(scenario.uavs) * (
+        len(scenario.ground_nodes) + len(scenario.eavesdroppers) + len(scenario.listeners))
     return (channel.outage or 0.0) / (links * max(causes, 1))
 
 

@@ -1,5 +1,6 @@
 """The rates of a plan, by the plain formulas: what every published number comes from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -112,8 +113,50 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
             strict=True):
         combine(sinr, bound_sinrs(
             link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
-    return _compute_node_rates(
-        ground, receivers.ground_nodes, positions, powers) - convert_sinr(sinr)
+    return _subtract_leak(
+        scenario, ground, link, receivers.ground_nodes, positions, powers, convert_sinr(sinr))
+
+
+def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: Array,
+                    times: Array | None = None) -> Array:
+    """
+    Return r_k[n] less the leak to eavesdroppers, (N,), and to nodes that listen, (G, N).
+
+    :param times: as for guaranteed_rates.
+    """
+    positions, powers = checked_flight(scenario, positions, powers)
+    return _subtract_leak(
+        scenario, make_link(scenario, 'ground_node'), make_link(scenario, 'eavesdropper'),
+        find_receivers(scenario, powers.shape[1], times).ground_nodes, positions, powers, leak)
+
+
+def _subtract_leak(scenario: Scenario, ground: FreeSpace, link: FreeSpace, nodes: Array,
+                   positions: Array, powers: Array, leak: Array) -> Array:
+    """Return find_node_rates by the links to ground nodes, (G, N, 2) in m, and to listeners."""
+    rates = _compute_node_rates(ground, nodes, positions, powers)
+    if scenario.listeners:
+        leak = include_listeners(scenario, leak, _compute_node_rates(
+            link, nodes[list(scenario.listeners)], positions, powers))
+    return rates - leak
+
+
+def include_listeners(scenario: Scenario, leak: Array, heard: Sequence[Array] | Array,
+                      unit: float = 1.0) -> Array:
+    """
+    Return the leak of what each ground node is sent, (G, N), or (N,) where all are trusted.
+
+    :param leak: to the eavesdroppers, (N,).
+    :param heard: the rates at which listeners hear, (L, N).
+    :param unit: of all rates, in bit/s/Hz.
+    """
+    if not scenario.listeners:
+        return leak
+    first, *rest = np.broadcast_arrays(leak, *heard)
+    leaks = [np.stack([first, *(rates for listener, rates in zip(scenario.listeners, rest)
+                                if listener != node)], axis=-1)
+             for node in range(len(scenario.ground_nodes))]
+    return np.stack([combine_leaks(unit * rates) / unit if scenario.colluding else
+                     rates.max(axis=-1) for rates in leaks])
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -137,7 +180,7 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
 def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
                        eavesdropper: ArrayLike, receiver_advantage_db: float | None = None,
                        times: Array | None = None) -> Array:
-    """Return r_k[n] - r_e[n] of each ground node, (G, N) in bit/s/Hz; see secrecy_rates."""
+    """Return r_k[n] less the leak of each ground node, (G, N); see secrecy_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
     shape = (powers.shape[1], 2)
     places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
@@ -148,7 +191,7 @@ def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
         advantage = 10.0 ** (checked_real(
             'receiver_advantage_db', receiver_advantage_db, allowed.low, allowed.high) / 10.0)
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
-    return node_ground_rates(scenario, positions, powers, times) - leak
+    return find_node_rates(scenario, positions, powers, leak, times)
 
 
 def find_rate_scale(scenario: Scenario) -> float:

@@ -8,8 +8,8 @@ import numpy as np
 
 from .links import make_link, PathLoss
 from .rates import (
-    bound_sinrs, checked_flight, combine_leaks, convert_sinr, find_rate_scale, find_receivers,
-    guaranteed_node_rates, node_ground_rates)
+    bound_sinrs, checked_flight, combine_leaks, convert_sinr, find_node_rates, find_rate_scale,
+    find_receivers, guaranteed_node_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 from ...mission.tracks import ReceiverPlaces
@@ -53,7 +53,7 @@ def worst_case_node_rates(scenario: Scenario, positions: Array, powers: Array,
     powers = np.maximum(powers, 0.0)
     receivers = find_receivers(scenario, powers.shape[1], times)
     leak, _ = _by_chunks(_worst_leaks, scenario, receivers, positions[:, 1:-1], powers)
-    return np.maximum(node_ground_rates(scenario, positions, powers, times) - leak,
+    return np.maximum(find_node_rates(scenario, positions, powers, leak, times),
                       guaranteed_node_rates(scenario, positions, powers, times=times))
 
 

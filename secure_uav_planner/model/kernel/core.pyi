@@ -106,12 +106,12 @@ class InteriorPointSolver:
         :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
             Limit), `gains`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
             (U,), `weights` of the ground nodes and `offsets` of their mean rates in nats (G,),
-            `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds to
-            distances, (N, K), and `places`, None for (P2), or
-            with `followed`, whether they move along with the UAVs, (N, E P), their `offsets` from
-            the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`, None without a
-            price, or with `terms` of PowerTerms (U, 4) and `end_moves` as those of a NormLimit,
-            NaN where free (2, U, 2).
+            `positions` of the receivers, as in a Grid's Receivers, (N, K, 2), their `radii`, which
+            the guarantee adds to distances, (N, K), the list of `listeners`, and `places`, None
+            for (P2), or with `followed`, whether they move along with the UAVs, (N, E P), their
+            `offsets` from the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`,
+            None without a price, or with `terms` of PowerTerms (U, 4) and `end_moves` as those of
+            a NormLimit, NaN where free (2, U, 2).
         :param x: powers and positions, (S, N, U, 3).
         :param shares: filled with shares of the slots for the ground nodes, (S, N, G).
         :param mu: barrier parameters in units of rates, (S,).

@@ -1,5 +1,6 @@
 // Several starts of a problem, advanced side by side on all cores; see joint/interior_point.py.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <algorithm>
 #include <atomic>
@@ -33,8 +34,11 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
     const std::size_t entries = count_entries(args, "radii");
     const std::size_t nodes = count_entries(args, "weights");
     expect(nodes >= 1, "weights");
-    expect(entries > nodes * problem.slots && entries % problem.slots == 0, "radii");
-    return {int(entries / problem.slots), copy_reals(args, "weights", nodes),
+    const std::size_t count = entries / problem.slots;
+    const auto listeners = args["listeners"].cast<std::vector<int>>();
+    expect(count > nodes + listeners.size() && entries % problem.slots == 0, "radii");
+    for (const int node : listeners) expect(node >= 0 && node < int(nodes), "listeners");
+    return {int(count), listeners, copy_reals(args, "weights", nodes),
             copy_reals(args, "offsets", nodes), copy_reals(args, "positions", 2 * entries),
             copy_reals(args, "radii", entries)};
 }

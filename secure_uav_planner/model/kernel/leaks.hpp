@@ -1,4 +1,4 @@
-// The leak of a slot from the rates of eavesdroppers, or of places.
+// The leak of a slot from the rates of eavesdroppers, or of places, and of listeners.
 #pragma once
 
 #include <algorithm>
@@ -36,33 +36,41 @@ private:
     LogSum logs_;
 };
 
-// That to a single eavesdropper, the largest of several, or that of the sum of their SINRs. The
-// largest is t with -mu log(t - leak) for every eavesdropper, t being eliminated.
+// That to a single hearer, the largest of several, or that of the sum of their SINRs. The
+// largest is t with -mu log(t - leak) for every hearer, t being eliminated.
 enum class LeakKind { single, largest, colluding };
 
-// What is received by the eavesdroppers of a slot, `at`, and all numbers by rates are (E). For a
-// number of UAVs that is known when compiling, or for any (UAVS = 0).
+// What is received by the hearers of a slot, `at`, and their rates' gradients are those of all; a
+// leak counts E of them. For a number of UAVs that is known when compiling, or for any (UAVS = 0).
 template <int UAVS>
 class Leak {
 public:
-    explicit Leak(const BarrierProblem& problem)
-        : slots_(problem.slots), eves_(problem.eavesdroppers()), uavs_(problem.uavs),
+    // The leak for a ground node, whose own place does not count among the listeners'; its slacks
+    // begin behind those of the leaks before.
+    Leak(const BarrierProblem& problem, int node, std::size_t begin)
+        : slots_(problem.slots), begin_(begin), own_(find_own(problem, node)),
+          eves_(problem.hearers() - (own_ < problem.hearers())), uavs_(problem.uavs),
           central_(eves_, 1.0), slopes_(eves_), mean_(size()), row_(size()) {
-        if (eves_ == 1)
+        if (problem.hearers() == 1)
             kind_ = LeakKind::single;
         else
             kind_ = problem.colluding ? LeakKind::colluding : LeakKind::largest;
         if (kind_ == LeakKind::largest) changes_.resize(slots_ * eves_);
     }
 
+    // The number of a hearer among all, and behind the last slack.
+    int hearer(int e) const { return e < own_ ? e : e + 1; }
+    int count() const { return eves_; }
+    std::size_t end() const { return begin_ + slots_ * eves_; }
+
     double find(const Reception* at) const {
         if (kind_ == LeakKind::colluding) {
             double sinrs = 0.0;
-            for (int e = 0; e < eves_; ++e) sinrs += at[e].sinr();
+            for (int e = 0; e < eves_; ++e) sinrs += at[hearer(e)].sinr();
             return std::log1p(sinrs);
         }
-        double largest = at[0].rate();
-        for (int e = 1; e < eves_; ++e) largest = std::max(largest, at[e].rate());
+        double largest = at[hearer(0)].rate();
+        for (int e = 1; e < eves_; ++e) largest = std::max(largest, at[hearer(e)].rate());
         return largest;
     }
 
@@ -71,9 +79,9 @@ public:
                   RateSum& sum) const {
         if (kind_ == LeakKind::single) return sum.add(at[0]);
         if (kind_ == LeakKind::colluding) return sum.add(find(at));
-        here.leak_slacks.resize(slots_ * eves_);
-        double* slacks = &here.leak_slacks[n * eves_];
-        for (int e = 0; e < eves_; ++e) slacks[e] = at[e].rate();
+        if (here.leak_slacks.size() < end()) here.leak_slacks.resize(end());
+        double* slacks = &here.leak_slacks[first(n)];
+        for (int e = 0; e < eves_; ++e) slacks[e] = at[hearer(e)].rate();
         sum.add(solve_epigraph(slacks, eves_, mu, sum.gaps));
     }
 
@@ -84,40 +92,42 @@ public:
     const double* weigh(std::size_t n, const Reception* at, const Iterate& iterate, double mu) {
         if (kind_ == LeakKind::largest) {
             for (int e = 0; e < eves_; ++e)
-                central_[e] = mu / iterate.evaluation.leak_slacks[n * eves_ + e];
-            return &iterate.leak_duals[n * eves_];
+                central_[e] = mu / iterate.evaluation.leak_slacks[first(n) + e];
+            return &iterate.leak_duals[first(n)];
         }
         if (kind_ == LeakKind::colluding) {
             const double inverse = std::exp(-find(at));
             for (int e = 0; e < eves_; ++e)
-                central_[e] = at[e].total() / at[e].interference * inverse;
+                central_[e] = at[hearer(e)].total() / at[hearer(e)].interference * inverse;
         }
         return central_.data();
     }
 
     // Add with a weight what the leak's Hessian, (V, V), has besides those of the rates, whose
-    // gradients are (E, V), after weigh.
+    // gradients are those of all hearers, after weigh.
     void add_curvature(std::size_t n, const Iterate& iterate, double weight,
                        const double* gradients, double* hessian) {
         if (kind_ == LeakKind::single) return;
         std::fill(mean_.begin(), mean_.end(), 0.0);
         if (kind_ == LeakKind::colluding) {
             for (int e = 0; e < eves_; ++e) {
-                add_scaled(central_[e], gradients + e * size(), mean_.data());
-                add_outer(weight * central_[e], gradients + e * size(), hessian);
+                const double* gradient = gradients + hearer(e) * size();
+                add_scaled(central_[e], gradient, mean_.data());
+                add_outer(weight * central_[e], gradient, hessian);
             }
             return add_outer(-weight, mean_.data(), hessian);
         }
-        const double* slacks = &iterate.evaluation.leak_slacks[n * eves_];
-        const double* duals = &iterate.leak_duals[n * eves_];
+        const double* slacks = &iterate.evaluation.leak_slacks[first(n)];
+        const double* duals = &iterate.leak_duals[first(n)];
         double sum = 0.0;
         for (int e = 0; e < eves_; ++e) {
             sum += duals[e] / slacks[e];
-            add_scaled(duals[e] / slacks[e], gradients + e * size(), mean_.data());
+            add_scaled(duals[e] / slacks[e], gradients + hearer(e) * size(), mean_.data());
         }
         for (double& mean : mean_) mean /= sum;
         for (int e = 0; e < eves_; ++e) {
-            for (int j = 0; j < size(); ++j) row_[j] = gradients[e * size() + j] - mean_[j];
+            const double* gradient = gradients + hearer(e) * size();
+            for (int j = 0; j < size(); ++j) row_[j] = gradient[j] - mean_[j];
             add_outer(weight * (duals[e] / slacks[e]), row_.data(), hessian);
         }
     }
@@ -128,24 +138,33 @@ public:
                            const double* gradients, std::size_t stride, double& length) {
         if (kind_ != LeakKind::largest) return;
         for (std::size_t n = 0; n < slots_; ++n) {
-            const double* gradient = gradients + n * stride;
-            for (double& slope : slopes_) {
-                slope = 0.0;
-                for (int j = 0; j < size(); ++j) slope += *gradient++ * step[n * size() + j];
+            for (int e = 0; e < eves_; ++e) {
+                const double* gradient = gradients + n * stride + hearer(e) * size();
+                slopes_[e] = 0.0;
+                for (int j = 0; j < size(); ++j) slopes_[e] += gradient[j] * step[n * size() + j];
             }
-            const std::size_t i = n * eves_;
+            const std::size_t i = first(n);
             find_epigraph_changes(eves_, mu, &iterate.evaluation.leak_slacks[i],
-                                  &iterate.leak_duals[i], slopes_.data(), &changes_[i], length);
+                                  &iterate.leak_duals[i], slopes_.data(), &changes_[n * eves_],
+                                  length);
         }
     }
 
     void move_duals(Iterate& iterate, double length) const {
         for (std::size_t i = 0; i < changes_.size(); i += eves_)
-            move_epigraph_duals(eves_, length, &changes_[i], &iterate.leak_duals[i]);
+            move_epigraph_duals(eves_, length, &changes_[i], &iterate.leak_duals[begin_ + i]);
     }
 
 private:
     int size() const { return 3 * (UAVS ? UAVS : uavs_); }
+    std::size_t first(std::size_t n) const { return begin_ + n * eves_; }
+
+    // The number of a node's own place among the hearers, or of all where it is none of them.
+    static int find_own(const BarrierProblem& problem, int node) {
+        const std::vector<int>& listeners = problem.receivers.listeners;
+        return problem.eavesdroppers()
+            + int(std::find(listeners.begin(), listeners.end(), node) - listeners.begin());
+    }
 
     void add_scaled(double factor, const double* row, double* sum) const {
         for (int j = 0; j < size(); ++j) sum[j] += factor * row[j];
@@ -156,8 +175,8 @@ private:
             for (int m = 0; m <= j; ++m) hessian[j * size() + m] += weight * row[j] * row[m];
     }
 
-    const std::size_t slots_;
-    const int eves_, uavs_;
+    const std::size_t slots_, begin_;
+    const int own_, eves_, uavs_;
     LeakKind kind_;
     Reals central_, slopes_, changes_, mean_, row_;  // (E), (E), (N, E), (V), (V).
 };

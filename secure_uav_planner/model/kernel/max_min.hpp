@@ -97,14 +97,14 @@ public:
     // Extend derivatives to the shares of a slot, of which the first is 1 less the others: its
     // Hessian in x, (V, V), to one of both, (V + G - 1, V + G - 1), and the gradient to that of
     // the shares, (G - 1). `rates` are the gradients of the nodes' rates in the slot, (G, V), and
-    // `leak` that of the leak, (V).
+    // `leaks` those of their leaks, (G, V).
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
-                    const double* leak, const double* block, double* gradient, double* hessian) {
+                    const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;
         double* own = &gradients_[n * nodes_ * V];
         for (int k = 0; k < nodes_; ++k)
             for (int j = 0; j < V; ++j)
-                own[k * V + j] = (rates[k * V + j] - leak[j]) / weights_[k];
+                own[k * V + j] = (rates[k * V + j] - leaks[k * V + j]) / weights_[k];
         std::fill(hessian, hessian + W * W, 0.0);
         for (int j = 0; j < V; ++j) std::copy_n(block + j * V, j + 1, hessian + j * W);
         const auto find_slope = [&](int k) {

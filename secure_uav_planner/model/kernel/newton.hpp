@@ -13,9 +13,11 @@
 
 namespace kernel {
 
-// The ground nodes and the eavesdroppers, K in all.
+// The ground nodes, the eavesdroppers, and ground nodes again that hear what is sent to the other
+// ones, K in all.
 struct Receivers {
     int count;
+    std::vector<int> listeners;  // The numbers of the latter among the ground nodes.
     Reals weights;    // Of the ground nodes, which come first, (G).
     Reals offsets;    // Of their mean rates, in nats, (G).
     Reals positions;  // (N, K, 2).
@@ -45,7 +47,10 @@ struct BarrierProblem {
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     int nodes() const { return int(receivers.weights.size()); }
-    int eavesdroppers() const { return receivers.count - nodes(); }
+    int listeners() const { return int(receivers.listeners.size()); }
+    // All that the leak counts with: the eavesdroppers and, behind them, the listeners.
+    int hearers() const { return receivers.count - nodes(); }
+    int eavesdroppers() const { return hearers() - listeners(); }
     // The shares that vary in a slot: the first node has what the others leave.
     int shares() const { return nodes() - 1; }
     // The number of slacks of all shares, (N, G), where any vary.
@@ -89,7 +94,7 @@ struct Evaluation {
     double value = 0.0;                 // Infinite outside the limits.
     Reals squared, distance;            // The guarantee's d^2, and its rounded d, (N, K, U).
     std::vector<Reception> receptions;  // (N, K).
-    Reals leak_slacks;                  // Where the largest of several leaks counts, (N, E).
+    Reals leak_slacks;                  // Where the largest of several counts, (N, E) by leak.
     Reals node_rates, node_slacks;      // Of several nodes, over their weights, (N, G), (G).
     // Of every Limit, of the peaks, (N, U, 2), of the average powers, (U), and of the shares.
     std::vector<Slacks> slacks;
@@ -104,7 +109,7 @@ struct Iterate {
     bool* finished = nullptr;   // Likewise.
     int steps_at_mu = 0;
     std::vector<Reals> duals;   // As the slacks.
-    Reals leak_duals;           // Likewise, (N, E).
+    Reals leak_duals;           // Likewise.
     Reals node_duals;           // Likewise, (G).
     bool is_evaluated = false;  // True if `evaluation` is that at x and mu.
     Evaluation evaluation;

@@ -19,10 +19,19 @@ template <int UAVS, class Model>
 class Rates {
 public:
     explicit Rates(const BarrierProblem& problem)
-        : nodes(problem), p_(problem), signals_(problem), leak_(problem),
+        : nodes(problem), p_(problem), signals_(problem),
           several_(problem.nodes() > 1), weights_(receivers()), central_(receivers()),
           gradients_(p_.slots * receivers() * size()), block_(size() * size()),
-          leak_gradient_(size()) {}
+          leak_gradients_(p_.nodes() * size()) {
+        // A single one is that of all nodes where no node listens.
+        const int leaks = p_.listeners() ? p_.nodes() : 1;
+        leaks_.reserve(leaks);
+        for (int k = 0; k < leaks; ++k)
+            leaks_.emplace_back(problem, k, k ? leaks_.back().end() : 0);
+        node_leaks_.resize(leaks);
+        leak_weights_.resize(leaks);
+        leak_central_.resize(leaks);
+    }
 
     // The mean rate, or the least of the weighted ones, losing slots silenced, in nats.
     double find_mean(const Iterate& iterate) {
@@ -31,16 +40,18 @@ public:
         resize(scratch_);
         for (std::size_t n = 0; n < p_.slots; ++n) {
             const Reception* at = signals_.receive(iterate.x, n, 0.0, scratch_);
-            const double leak = leak_.find(at + G);
+            for (std::size_t l = 0; l < leaks_.size(); ++l)
+                node_leaks_[l] = leaks_[l].find(at + G);
             for (int k = 0; k < G; ++k)
-                means[k] += iterate.shares[n * G + k] * std::max(at[k].rate() - leak, 0.0)
+                means[k] += iterate.shares[n * G + k]
+                    * std::max(at[k].rate() - node_leaks_[leak_of(k)], 0.0)
                     / p_.receivers.weights[k];
         }
         return *std::min_element(means.begin(), means.end()) / double(p_.slots);
     }
 
     // Find the rates at an x, and return their part of the barrier function.
-    double evaluate(const double* x, const double* shares, double mu, Evaluation& here) const {
+    double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
         RateSum sum;
@@ -49,14 +60,17 @@ public:
             const Reception* at = signals_.receive(x, n, softening * softening, here);
             if (!several_) {
                 sum.subtract(at[0]);
-                leak_.evaluate(n, at + G, mu, here, sum);
+                leaks_[0].evaluate(n, at + G, mu, here, sum);
                 continue;
             }
-            RateSum own;
-            leak_.evaluate(n, at + G, mu, here, own);
-            const double leak = own.total(mu);
+            for (std::size_t l = 0; l < leaks_.size(); ++l) {
+                RateSum own;
+                leaks_[l].evaluate(n, at + G, mu, here, own);
+                node_leaks_[l] = own.total(mu);
+            }
             for (int k = 0; k < G; ++k)
-                here.node_rates[n * G + k] = (at[k].rate() - leak) / p_.receivers.weights[k];
+                here.node_rates[n * G + k] =
+                    (at[k].rate() - node_leaks_[leak_of(k)]) / p_.receivers.weights[k];
         }
         if (several_) return nodes.evaluate(shares, mu, here);
         // A sum that is smooth lacks the t = mu of every slot.
@@ -71,19 +85,24 @@ public:
             double* hessian = several_ ? block_.data() : hessians + n * V * V;
             std::fill(gradient, gradient + V, 0.0);
             std::fill(hessian, hessian + V * V, 0.0);
-            const double leak_weight = weigh(n, iterate, mu);
+            weigh(n, iterate, mu);
             for (int k = 0; k < K; ++k) {
                 double* rate = rates + k * V;
                 signals_.differentiate(iterate, n, k, weights_[k], rate, hessian);
                 for (int j = 0; j < V; ++j) gradient[j] += central_[k] * rate[j];
             }
-            leak_.add_curvature(n, iterate, leak_weight, rates + G * V, hessian);
+            for (std::size_t l = 0; l < leaks_.size(); ++l)
+                leaks_[l].add_curvature(n, iterate, leak_weights_[l], rates + G * V, hessian);
             if (!several_) continue;
-            std::fill(leak_gradient_.begin(), leak_gradient_.end(), 0.0);
-            for (int k = G; k < K; ++k)
-                for (int j = 0; j < V; ++j)
-                    leak_gradient_[j] += leak_.central()[k - G] * rates[k * V + j];
-            nodes.add_shares(n, iterate, mu, rates, leak_gradient_.data(), hessian,
+            std::fill(leak_gradients_.begin(), leak_gradients_.end(), 0.0);
+            for (int k = 0; k < G; ++k) {
+                const Leak<UAVS>& leak = leaks_[leak_of(k)];
+                for (int e = 0; e < leak.count(); ++e)
+                    for (int j = 0; j < V; ++j)
+                        leak_gradients_[k * V + j] +=
+                            leak.central()[e] * rates[(G + leak.hearer(e)) * V + j];
+            }
+            nodes.add_shares(n, iterate, mu, rates, leak_gradients_.data(), hessian,
                              gradients + p_.slots * V + n * p_.shares(), hessians + n * W * W);
         }
     }
@@ -93,10 +112,11 @@ public:
     void update_duals(Iterate& iterate, const double* step, double mu, int R, const double* rows,
                       double& length) {
         const int V = size();
-        leak_.find_dual_changes(iterate, step, mu, &gradients_[p_.nodes() * V], receivers() * V,
-                                length);
+        for (Leak<UAVS>& leak : leaks_)
+            leak.find_dual_changes(iterate, step, mu, &gradients_[p_.nodes() * V],
+                                   receivers() * V, length);
         if (several_) nodes.find_dual_changes(iterate, step, mu, R, rows, length);
-        leak_.move_duals(iterate, length);
+        for (const Leak<UAVS>& leak : leaks_) leak.move_duals(iterate, length);
         if (several_) nodes.move_duals(iterate, length);
     }
 
@@ -105,6 +125,7 @@ public:
 private:
     int size() const { return 3 * (UAVS ? UAVS : p_.uavs); }
     int receivers() const { return p_.receivers.count; }
+    std::size_t leak_of(int node) const { return leaks_.size() > 1 ? node : 0; }
 
     void resize(Evaluation& here) const {
         here.receptions.resize(p_.slots * receivers());
@@ -114,35 +135,40 @@ private:
     }
 
     // Find the derivatives of the objective by the rates of a slot, and the weights of the rates'
-    // Hessians in its own; return the weight of the leak's.
-    double weigh(std::size_t n, const Iterate& iterate, double mu) {
+    // Hessians, and the leaks', in its own.
+    void weigh(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
-        double weight = several_ ? 0.0 : 1.0, central = weight;
+        std::fill(weights_.begin(), weights_.end(), 0.0);
+        std::fill(central_.begin(), central_.end(), 0.0);
+        std::fill(leak_weights_.begin(), leak_weights_.end(), several_ ? 0.0 : 1.0);
+        std::fill(leak_central_.begin(), leak_central_.end(), several_ ? 0.0 : 1.0);
         for (int k = 0; k < G; ++k) {
             weights_[k] = central_[k] = -1.0;
             if (!several_) continue;
             const double share = iterate.shares[n * G + k] / p_.receivers.weights[k];
-            weight += iterate.node_duals[k] * share;
-            central += mu / iterate.evaluation.node_slacks[k] * share;
+            leak_weights_[leak_of(k)] += iterate.node_duals[k] * share;
+            leak_central_[leak_of(k)] += mu / iterate.evaluation.node_slacks[k] * share;
             weights_[k] = -iterate.node_duals[k] * share;
             central_[k] = -mu / iterate.evaluation.node_slacks[k] * share;
         }
-        const double* duals =
-            leak_.weigh(n, &iterate.evaluation.receptions[n * receivers() + G], iterate, mu);
-        for (int k = G; k < receivers(); ++k) {
-            weights_[k] = weight * duals[k - G];
-            central_[k] = central * leak_.central()[k - G];
+        const Reception* at = &iterate.evaluation.receptions[n * receivers() + G];
+        for (std::size_t l = 0; l < leaks_.size(); ++l) {
+            const double* duals = leaks_[l].weigh(n, at, iterate, mu);
+            for (int e = 0; e < leaks_[l].count(); ++e) {
+                weights_[G + leaks_[l].hearer(e)] += leak_weights_[l] * duals[e];
+                central_[G + leaks_[l].hearer(e)] += leak_central_[l] * leaks_[l].central()[e];
+            }
         }
-        return weight;
     }
 
     const BarrierProblem& p_;
     Signals<UAVS, Model> signals_;
-    Leak<UAVS> leak_;
-    const bool several_;           // Whether there are several ground nodes.
-    Reals weights_, central_;      // Of the rates of a slot, (K).
-    Reals gradients_;              // Of all rates, (N, K, V).
-    Reals block_, leak_gradient_;  // Of a slot, (V, V) and (V).
+    std::vector<Leak<UAVS>> leaks_;  // For each node, (G), or a single one.
+    const bool several_;             // Whether there are several ground nodes.
+    Reals weights_, central_;        // Of the rates of a slot, (K).
+    Reals node_leaks_, leak_weights_, leak_central_;  // Of a slot, as leaks_.
+    Reals gradients_;                // Of all rates, (N, K, V).
+    Reals block_, leak_gradients_;   // Of a slot, (V, V) and (G, V).
     Evaluation scratch_;
 };
 

@@ -81,8 +81,9 @@ public:
             for (int m = 0; m <= j; ++m)
                 hessian[j * V + m] += more * of_interference[m] - less * of_total[m];
         }
-        if (p_.places.followed.empty() || k < p_.nodes()) return;
-        const std::size_t place = n * p_.eavesdroppers() + k - p_.nodes();
+        const int eve = k - p_.nodes();
+        if (p_.places.followed.empty() || eve < 0 || eve >= p_.eavesdroppers()) return;
+        const std::size_t place = n * p_.eavesdroppers() + eve;
         if (p_.places.followed[place]) add_place_curvature(at, place, weight, hessian);
     }
 

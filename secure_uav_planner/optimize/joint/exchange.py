@@ -17,7 +17,7 @@ from .starts import make_strictly_feasible
 from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
-from ...model.channel.rates import find_least_rate, find_shares
+from ...model.channel.rates import find_least_rate, find_shares, include_listeners
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
@@ -203,8 +203,8 @@ class WorstPlaces:
         :return: True if any worst place exceeds the leaks that count by the tolerance.
         """
         worst, leaks = self._find_worst(x)
-        grounds, place_leaks = self.receivers.rates(x)
-        self.rate = self._compute_rate(grounds, place_leaks, leaks, shares)
+        grounds, place_leaks, heard = self.receivers.rates(x)
+        self.rate = self._compute_rate(grounds, place_leaks, heard, leaks, shares)
         counted = np.moveaxis(place_leaks.reshape(len(x), len(worst), -1), 1, 0)
         # Without collusion, only the worst place of all discs counts.
         worse = leaks > counted.max(axis=2 if self._scenario.colluding else (0, 2)) + tolerance
@@ -249,12 +249,13 @@ class WorstPlaces:
         values = np.swapaxes(values, 0, 1)
         return values.reshape(len(values), -1, *values.shape[3:])
 
-    def _compute_rate(self, grounds: Array, place_leaks: Array, leaks: Array,
+    def _compute_rate(self, grounds: Array, place_leaks: Array, heard: Array, leaks: Array,
                       shares: Array | None = None) -> float:
         if self._scenario.colluding:
             most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks.T)).sum(axis=0))
         else:
             most = np.maximum(leaks.max(axis=0), place_leaks.max(axis=-1))
+        most = include_listeners(self._scenario, most, heard.T, _NAT)
         rates = np.maximum(grounds.T - most, 0.0)
         if shares is None:
             shares = find_shares(self._scenario, rates, _NAT)

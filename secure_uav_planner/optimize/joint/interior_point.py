@@ -225,7 +225,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
     limits = [limit.compiled for limit in build_limits(grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
-        'rate_unit': grid.rate,
+        'rate_unit': grid.rate, 'listeners': list(receivers.listeners),
         'energy': None if prices is None else _to_kernel(**price_energies(grid, prices)),
         'limits': [limit for limit in limits if limit is not None],
         'gains': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
