@@ -15,6 +15,7 @@ from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
 _IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.
+_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Of the present power, that try_less_jamming tries.
 
 
 class Incumbent:
@@ -81,6 +82,19 @@ class Incumbent:
         self.positions, self.powers, self.shares, self.rate = positions, powers, shares, rate
         self._rates = (shares * rates).sum(axis=0)
         return gain
+
+    def try_less_jamming(self) -> None:
+        """
+        Try shares of the present jamming power, and no jamming in the slots that win without it.
+
+        Powers have local optima, and those with much jamming are usually the worse.
+        """
+        present = self.powers
+        for share in _JAMMING_SHARES:
+            self.try_improve(powers=np.concatenate([present[:1], share * present[1:]]))
+        alone = find_powers_without_jamming(self.scenario, self.positions)
+        if alone is not None:
+            self.try_improve(powers=alone)
 
     def try_idle_slots(self) -> None:
         """

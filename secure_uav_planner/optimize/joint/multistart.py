@@ -3,7 +3,8 @@ Multistart: Newton steps from random starts on a coarse grid, of which the best 
 
 The best starts are polished on the coarse grid from further inside, where steps lead past the
 nearest optimum; the best few are finished on the full grid, and the best plan is polished there.
-Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
+Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun; where
+not, fly-hover-fly with the best powers is tried as well.
 
 Power control on a fixed trajectory starts from several levels of jamming, in which its local
 optima differ.
@@ -21,6 +22,7 @@ from .interior_point import (
     COARSE_MU, COARSE_SLOTS, FINAL_MU, InteriorPointSolver, Optima, SolverDriver, WARM_MU,
     WARM_SHARE)
 from .starts import generate_starts, limit_powers, make_strictly_feasible
+from ..incumbent import Incumbent
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
@@ -33,7 +35,7 @@ GAP = 0.1  # Relative distance below the best rate beyond which starts are prune
 POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
-CLOSE = 0.02  # Units of rates by which the first optimum must also be above fly-hover-fly.
+CLOSE = 0.02  # Share, or units of rates, below the best up to which fly-hover-fly is finished.
 FINISHED = 2  # The most starts that are finished on the full grid.
 _LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming for power control, in shares of limit_powers.
 _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
@@ -55,14 +57,15 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
     incumbent = driver.incumbent
-    baseline = incumbent.rate
+    baseline = incumbent.with_objective('guaranteed')
+    baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
     driver.elevation_offset = _ELEVATION_OFFSETS[0] if counts_sights else 0.0
     grid, first, batches = _generate_coarse_starts(driver)
     x, rates = _advance(driver, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
               and (counts_sights
-                   or (1 - GAP) * rates.max() > np.log(2) * (baseline / grid.rate + CLOSE)))
+                   or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate / grid.rate + CLOSE)))
     if not agreed:
         with suppress(*_FAILURES):
             more_x, more_rates = _advance(driver, grid, *next(batches), STEPS)
@@ -74,6 +77,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     fine = _reduce_elevation_offset(driver, driver.refine_to_full_grid(grid, x[near], COARSE_MU))
     status = driver.finish(fine)
     if not agreed:
+        _try_baseline(baseline, incumbent)
         with suppress(*_FAILURES):
             for share in POLISH_MUS:
                 if incumbent.rate > 0:
@@ -103,13 +107,15 @@ def improve_incumbent(driver: SolverDriver, mu: float = WARM_MU) -> Status:
     return driver.finish(driver.build_solver(grid, x[None], mu))
 
 
-def improve_powers(driver: SolverDriver) -> Status:
+def improve_powers(driver: SolverDriver, least: float = 0.0) -> Status:
     """
     Improve only the powers of a SolverDriver's incumbent; return the status of the best level.
 
+    :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
     :raises NumericalError: when no step can be computed from any level.
     """
     incumbent = driver.incumbent
+    incumbent.try_less_jamming()
     driver.grid = replace(driver.grid, is_fixed=True)
     grid = driver.grid.with_slots(min(driver.grid.slots, COARSE_SLOTS))
     levels = np.repeat([limit_powers(incumbent.scenario)] * len(_LEVELS), driver.grid.slots, -1)
@@ -118,6 +124,8 @@ def improve_powers(driver: SolverDriver) -> Status:
         make_strictly_feasible(grid, incumbent.positions, powers, _LEVEL_SHARE)
         for powers in (incumbent.powers, *levels)]), _LEVEL_MU)
     driver.advance(solver, _LEVEL_STEPS, COARSE_MU)
+    if grid.slots < driver.grid.slots and solver.rates().max() < least:
+        return 'converged'
     return driver.finish(driver.refine_to_full_grid(grid, solver.x, solver.mu))
 
 
@@ -154,6 +162,16 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[A
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
     return x, rates
+
+
+def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
+    """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
+    with suppress(*_FAILURES):
+        driver = SolverDriver(baseline)
+        improve_powers(driver, np.log(2) * (
+            (1 - CLOSE) * incumbent.rate / driver.grid.rate - CLOSE))
+        baseline.try_idle_slots()
+    incumbent.try_improve(baseline.positions, baseline.powers)
 
 
 def _select_best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
