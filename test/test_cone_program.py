@@ -76,7 +76,7 @@ def test_a_signal_handler_that_returns_is_called_during_the_solve():
     calls = []
     before = signal.signal(signal.SIGINT, lambda number, _: calls.append(number))
     try:
-        assert solve(check=lambda: calls or signal.raise_signal(
+        assert solve(raise_if_over=lambda: calls or signal.raise_signal(
             signal.SIGINT)) == pytest.approx([1.0, 1.0, 0.0])
     finally:
         signal.signal(signal.SIGINT, before)
@@ -89,8 +89,8 @@ def test_an_exception_of_the_check_ends_the_solve_in_any_thread():
 
     for thread in (None, ThreadPoolExecutor(1)):
         with pytest.raises(StoppedError):
-            (thread.submit(solve, check=check).result() if thread
-             else solve(check=check))
+            (thread.submit(solve, raise_if_over=check).result() if thread
+             else solve(raise_if_over=check))
 
 
 def test_missions_and_plans_are_made_without_the_solver(monkeypatch):

@@ -24,7 +24,7 @@ from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
 from ..model.airspace import Airspace
 from ..optimize import solve
-from ..optimize.deadline import Check, Deadline, run_to_end
+from ..optimize.deadline import Deadline, DeadlineCheck, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
 from ..plan.results import Bound, check_plan, Iteration, Status
 
@@ -172,13 +172,13 @@ class _BestBound:
         self.status: Status = 'converged'
         self._proving = reserved
 
-    def reserve_time(self, ratio: float) -> Check:
+    def reserve_time(self, ratio: float) -> DeadlineCheck:
         """
-        Return the `check` of a search that leaves time for its certificate.
+        Return the `raise_if_over` of a search that leaves time for its certificate.
 
         :param ratio: of the time of that certificate to the time of the last one.
         """
-        return partial(self.deadline.check, ratio * self._proving)
+        return partial(self.deadline.raise_if_over, ratio * self._proving)
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
@@ -187,11 +187,11 @@ class _BestBound:
             yield
         except TimeLimitError:
             self.status = 'time_limit'
-        self.deadline.check()
+        self.deadline.raise_if_over()
         before = self.deadline.elapsed
         self.offer(certify(search.team, build_multipliers(search), self.deadline.is_over).rate)
         self._proving = self.deadline.elapsed - before
-        self.deadline.check()
+        self.deadline.raise_if_over()
 
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest, and report."""
@@ -204,7 +204,7 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     """Search for multipliers on coarse and on fine groups, and prove a bound with each."""
     scenario = detours.scenario
     positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
-    best.deadline.check()
+    best.deadline.raise_if_over()
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots show which eavesdroppers matter.
@@ -228,7 +228,7 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(team, initial, point, best.reserve_time(ratio))
-        fine.check()
+        fine.raise_if_over()
         with best.proving(fine):
             _anneal(fine, FINE)
             if quadratic:
@@ -271,7 +271,7 @@ def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
     """Minimise the dual function at falling temperatures."""
     for tau, rounds in schedule:
         for _ in range(rounds):
-            search.check()
+            search.raise_if_over()
             search.minimise(tau, ITERATIONS)
 
 

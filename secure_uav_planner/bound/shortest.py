@@ -60,7 +60,7 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 class _Search:
     """
-    The search for the shortest flight; each method raises as Deadline.check does.
+    The search for the shortest flight; each method raises as Deadline.raise_if_over does.
 
     :ivar last: the last plan that was found, from which the next solve begins, too.
     :ivar best: the shortest one that suffices, or None.
@@ -83,7 +83,7 @@ class _Search:
         """Return the shortest flight with what is proven of it."""
         status = run_to_end(self._narrow)
         if self.best is None:
-            self._deadline.check()
+            self._deadline.raise_if_over()
             raise NumericalError('no flight could be planned')
         return replace(self.best, bits=self._bits, solve_time=self._deadline.elapsed,
                        status=self.best.status if status == 'converged' else status)
@@ -125,7 +125,7 @@ class _Search:
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """Return the plan of a duration in s, or None if it cannot be flown."""
-        self._deadline.check()
+        self._deadline.raise_if_over()
         try:
             self.last = plan = solve(
                 self._change_duration(duration), on_iteration=self._report, initial=self.last,
@@ -134,7 +134,7 @@ class _Search:
             return None
         if _count_bits(plan) >= self._bits:
             self.best = plan
-        self._deadline.check()
+        self._deadline.raise_if_over()
         return plan
 
     def _change_duration(self, duration: float) -> Scenario:

@@ -205,16 +205,16 @@ class Routes:
         self._airspace, self._steps = airspace, step_lengths.tolist()
         self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
 
-    def find_free_places(self, places: Array, check: Callable[[], None]) -> Array:
+    def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
         """
         Return the places nearest to given ones (..., U, 2) in m where each UAV may be.
 
-        :param check: called now and then; what it raises is passed on.
+        :param raise_if_over: called now and then; what it raises is passed on.
         """
         normals, offsets = self._airspace.hull
         free = places.copy()
         for uav, step in enumerate(self._steps):
-            check()
+            raise_if_over()
             graph = self._get_graph(uav, _DISTANCES[0])
             for index in np.ndindex(places.shape[:-2]):
                 at = (*index, uav)

@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 def solve_cone_program(
         quadratic: Any, linear: NDArray[np.float64], matrix: Any, right: NDArray[np.float64], *,
         equalities: int = 0, inequalities: int = 0, accuracy: float = 1e-8,
-        check: Callable[[], None] = lambda: None) -> NDArray[np.float64] | None:
+        raise_if_over: Callable[[], None] = lambda: None) -> NDArray[np.float64] | None:
     """
     Minimise x^T P x / 2 + q^T x subject to A x + s = b.
 
@@ -45,7 +45,8 @@ def solve_cone_program(
     :param equalities: number of rows of s that are 0.
     :param inequalities: number of rows of s that are not negative.
     :param accuracy: of the duality gap and of the constraints.
-    :param check: called after each iteration; its exception ends the solve and is passed on.
+    :param raise_if_over: called after each iteration; its exception ends the solve and is passed
+        on.
     :return: x, (K,), or None if Clarabel finds no solution.
     """
     clarabel: Any = import_module('clarabel')  # Here, since few missions need it.
@@ -76,7 +77,7 @@ def solve_cone_program(
     try:
         threading.Thread(target=run).start()
         while iterations.get():
-            check()
+            raise_if_over()
     finally:
         stop.set()
     if not solutions or str(solutions[0].status) not in _ANSWERS:
@@ -90,23 +91,24 @@ def is_solver_failure(error: BaseException) -> bool:
 
 
 def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
-                         check: Callable[[], None] = lambda: None) -> tuple[float, Array]:
+                         raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
     """
     Return the least utilisation, and its flight's points (N+2, 2) in m from the start, read-only.
 
     If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits; it is
     infinite where the solver fails, as it does only where they are exceeded many times.
 
-    :param check: called in the search; what it raises is passed on.
+    :param raise_if_over: called in the search; what it raises is passed on.
     """
-    return _find_flight(_Question(vehicle, slots, step, check))
+    return _find_flight(_Question(vehicle, slots, step, raise_if_over))
 
 
-def find_least_utilisations(scenario: Scenario, check: Callable[[], None] = lambda: None) -> Array:
+def find_least_utilisations(scenario: Scenario,
+                            raise_if_over: Callable[[], None] = lambda: None) -> Array:
     """Return the least utilisations of the flights of a scenario, (U,)."""
     slots = scenario.slots
     step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
-    return np.array([minimise_utilisation(uav.vehicle, slots, step, check)[0]
+    return np.array([minimise_utilisation(uav.vehicle, slots, step, raise_if_over)[0]
                      for uav in scenario.uavs])
 
 
@@ -115,7 +117,7 @@ class _Question:
     vehicle: Vehicle
     slots: int
     step: float
-    check: Callable[[], None] = field(compare=False)  # Answers do not depend on it.
+    raise_if_over: Callable[[], None] = field(compare=False)  # Answers do not depend on it.
 
 
 # Kept, as a cone program of N slots takes 9 ms for N = 200, and iterates ask for it 100 times.
@@ -126,7 +128,7 @@ def _find_flight(question: _Question) -> tuple[float, Array]:
         return (vehicle.straight_utilisation(slots, step),
                 read_only(vehicle.fly_straight(slots, step)))
     program = _UtilisationProgram(vehicle, slots, step)
-    velocities = program.solve(question.check)
+    velocities = program.solve(question.raise_if_over)
     if velocities is None:
         return math.inf, read_only(vehicle.fly_straight(slots, step))
     points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
@@ -155,7 +157,7 @@ class _UtilisationProgram:
         return float(max(_lengths(velocities).max() / self._vehicle.max_speed,
                          _lengths(changes).max(initial=0.0) / self._gain))
 
-    def solve(self, check: Callable[[], None]) -> Array | None:
+    def solve(self, raise_if_over: Callable[[], None]) -> Array | None:
         """Return the velocities of least utilisation, or None if Clarabel has none."""
         moves, top, first = self._moves, self._vehicle.max_speed, len(self._ends[0])
         given = self._with_ends(np.zeros((moves, 2)))
@@ -180,7 +182,7 @@ class _UtilisationProgram:
         size = 1 + 2 * moves
         solution = solve_cone_program(
             scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order], right[order],
-            equalities=2, accuracy=_ACCURACY, check=check)
+            equalities=2, accuracy=_ACCURACY, raise_if_over=raise_if_over)
         if solution is None or not np.isfinite(solution).all():
             return None
         velocities = solution[1:].reshape(-1, 2) * top

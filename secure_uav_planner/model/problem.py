@@ -52,16 +52,16 @@ class Problem:
         return not self.scenario.limits_energy or bool(
             (measure_energies(self.scenario, positions) <= self.scenario.max_energies).all())
 
-    def is_clear(self, positions: Array, check: Callable[[], None] = lambda: None) -> bool:
+    def is_clear(self, positions: Array, raise_if_over: Callable[[], None] = lambda: None) -> bool:
         """
         Return True if flights (U, N+2, 2) in m clear zones, fence and each other at any time.
 
-        :param check: called now and then; what it raises is passed on.
+        :param raise_if_over: called now and then; what it raises is passed on.
         """
         clear = not self.airspace.far
         for limit in self.limits:
             if isinstance(limit, LineLimit):
-                check()
+                raise_if_over()
                 clear = clear and limit.is_clear(positions)
         if clear:
             return True

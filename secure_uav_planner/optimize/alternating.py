@@ -50,10 +50,10 @@ def alternate(incumbent: Incumbent) -> Status:
         before = incumbent.rate
         solved = True
         for problem in problems:
-            incumbent.deadline.check()
+            incumbent.deadline.raise_if_over()
             solved &= _step(incumbent, problem)
         if incumbent.rate - before < TOLERANCE:
-            incumbent.deadline.check()
+            incumbent.deadline.raise_if_over()
             return 'converged' if solved else 'numerical_trouble'
     return 'iteration_limit'
 

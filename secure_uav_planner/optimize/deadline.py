@@ -11,8 +11,8 @@ import numpy as np
 from ..errors import NumericalError, StoppedError, TimeLimitError
 from ..plan.results import Iteration, Status
 
-Check: TypeAlias = Callable[[], None]
-"""Called now and then in a search, as Deadline.check; what it raises ends the search."""
+DeadlineCheck: TypeAlias = Callable[[], None]
+"""Called now and then in a search, as Deadline.raise_if_over; what it raises ends the search."""
 
 OnIteration: TypeAlias = Callable[[Iteration], object]
 """A callback, which cancels by returning True."""
@@ -57,7 +57,7 @@ class Deadline:
         if self._callback is not None and self._callback(iteration):
             self.is_cancelled = True
 
-    def check(self, reserve: float = 0.0) -> None:
+    def raise_if_over(self, reserve: float = 0.0) -> None:
         """
         Raise an error if the call must end; report again if that is due.
 
@@ -75,9 +75,9 @@ class Deadline:
                 'found; with more time, or fewer slots, there may be some')
 
     def is_over(self) -> bool:
-        """Return True if the call must end, for a part that ends by itself; see check."""
+        """Return True if the call must end, for a part that ends by itself; see raise_if_over."""
         try:
-            self.check()
+            self.raise_if_over()
         except (StoppedError, TimeLimitError):
             return True
         return False

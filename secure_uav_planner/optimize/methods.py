@@ -72,9 +72,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
     deadline = _build_deadline(problem, on_iteration, time_limit)
     positions, powers, baseline = None, constant_powers(scenario), None
     if initial is not None:
-        positions, powers = adapt_plan(problem, initial, deadline.check)
+        positions, powers = adapt_plan(problem, initial, deadline.raise_if_over)
     if positions is None:
-        positions = baseline = fly_hover_fly_positions(problem, deadline.check)
+        positions = baseline = fly_hover_fly_positions(problem, deadline.raise_if_over)
     incumbent = Incumbent(problem, positions, powers, deadline, warm=initial is not None,
                           objective=objective)
     if method == 'joint':
@@ -97,9 +97,9 @@ def _improve_from_scratch(incumbent: Incumbent, status: Status, baseline: Array 
     """
     problem, deadline = incumbent.problem, incumbent.deadline
     with suppress(PlanningError):  # The plan that there is needs no such flights.
-        deadline.check()
+        deadline.raise_if_over()
         if baseline is None:
-            baseline = fly_hover_fly_positions(problem, deadline.check)
+            baseline = fly_hover_fly_positions(problem, deadline.raise_if_over)
         cold = Incumbent(problem, baseline, constant_powers(problem.scenario), deadline,
                          objective=incumbent.objective, parent=incumbent)
         cold_status = joint.improve(cold)
@@ -133,7 +133,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     method = f'fly_hover_fly_{power}'
     problem = Problem(scenario)
     deadline = _build_deadline(problem, on_iteration, time_limit)
-    positions = fly_hover_fly_positions(problem, deadline.check)
+    positions = fly_hover_fly_positions(problem, deadline.raise_if_over)
     powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')

@@ -38,7 +38,7 @@ class Job:
     progress: Iteration | None = None
     _posted: float = 0.0  # s
 
-    def check(self) -> None:
+    def raise_if_cancelled(self) -> None:
         """Raise a StoppedError if the result is no longer wanted."""
         if self.stop.is_set():
             raise StoppedError(self.cancelled)
@@ -64,7 +64,7 @@ class Job:
         else:
             plan = solve(scenario, method=settings['method'], objective=objective,
                          time_limit=time_limit, initial=initial, on_iteration=on_iteration)
-        self.check()
+        self.raise_if_cancelled()
         return plan
 
     def prove_bound(self, plan: Plan) -> Bound:
@@ -116,7 +116,7 @@ class SolverThread:
 
         def finish(future: 'Future[Any]') -> None:
             def result() -> Any:
-                job.check()  # It may have been cancelled after its work.
+                job.raise_if_cancelled()  # It may have been cancelled after its work.
                 return future.result()
 
             if job is self.job:

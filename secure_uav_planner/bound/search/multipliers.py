@@ -21,7 +21,7 @@ from ..proof.reachable_set import Team
 from ..proof.terms import Potential
 from ...mission.validation import Array
 from ...model.kernel import core
-from ...optimize.deadline import Check
+from ...optimize.deadline import DeadlineCheck
 
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
@@ -40,12 +40,12 @@ class MultiplierSearch:
     :param team: the UAVs.
     :param initial: the first multipliers, and places and powers around which columns lie.
     :param point: multipliers that replace the initial ones, or None.
-    :param check: called before every Newton step; what it raises ends the search.
+    :param raise_if_over: called before every Newton step; what it raises ends the search.
     """
 
     def __init__(self, team: Team, initial: InitialMultipliers, point: DualPoint | None = None,
-                 check: Check = lambda: None) -> None:
-        self.team, self.check = team, check
+                 raise_if_over: DeadlineCheck = lambda: None) -> None:
+        self.team, self.raise_if_over = team, raise_if_over
         layout = PotentialLayout.of(False, team.accelerates)
         self.point = point if point is not None else DualPoint(layout, np.zeros(
             (len(team.groups.edges), len(team.regions), layout.acceleration.stop)), initial.v,
@@ -95,7 +95,7 @@ class MultiplierSearch:
         """Take Newton steps at a temperature on the best columns."""
         dual = self.dual(tau)
         for _ in range(iterations):
-            self.check()
+            self.raise_if_over()
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
                 break
 

@@ -155,13 +155,13 @@ class LineLimit(Limit):
         return lines
 
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
-                       check: Callable[[], None]) -> Lines:
+                       raise_if_over: Callable[[], None]) -> Lines:
         """
         Return lines for a path that need not be clear, chosen for the flight as a whole.
 
         :param lines: those of the path, which may be changed.
         :param opposite: whether to take the opposite side of the nearest, where there is one.
-        :param check: called now and then; what it raises is passed on.
+        :param raise_if_over: called now and then; what it raises is passed on.
         """
         return lines
 

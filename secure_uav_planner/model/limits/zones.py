@@ -115,14 +115,14 @@ class SeparationLimit(LineLimit):
                                     self._radii)
 
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
-                       check: Callable[[], None]) -> Lines:
+                       raise_if_over: Callable[[], None]) -> Lines:
         """
         Return lines that turn evenly while two UAVs are too close, from before to after that.
 
         So they pass each other on one side, also where the difference runs through the origin.
         """
         least = self.slacks(path, lines).min(axis=-1)
-        check()
+        raise_if_over()
         pairs = np.flatnonzero((least <= 0).any(axis=0))
         middles = self.control_points(path, pairs).mean(axis=-2)
         for number, pair in enumerate(pairs.tolist()):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..deadline import Check
+from ..deadline import DeadlineCheck
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import MOST_ROUTES, VisibilityGraph
@@ -72,7 +72,7 @@ def _exchange_parts(order: list[int], measure: Callable[[list[int]], float]) -> 
 
 def build_flights(problem: Problem, hover: Array,
                   routes: tuple[tuple[int, int], ...] | None = None,
-                  check: Check = lambda: None) -> Array:
+                  raise_if_over: DeadlineCheck = lambda: None) -> Array:
     """
     Return fly-hover-fly flights to hovering places.
 
@@ -85,7 +85,7 @@ def build_flights(problem: Problem, hover: Array,
     scenario = problem.scenario
     positions = np.empty((len(scenario.uavs), scenario.slots + 2, 2))
     for number, uav in enumerate(scenario.uavs):
-        check()
+        raise_if_over()
         stops = hover[..., number, :].reshape(-1, 2)
         if len(stops) > 1 and np.ptp(stops, axis=0).any():
             positions[number] = _fly_over(problem, number, stops)
@@ -202,11 +202,11 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     return points
 
 
-def generate_direct_flights(problem: Problem, check: Check) -> Iterator[Array]:
+def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Iterator[Array]:
     """Yield flights (U, N+2, 2) in m straight from start to goal, or on routes around."""
     choices = []
     for index in range(len(problem.scenario.uavs)):
-        check()
+        raise_if_over()
         flights = (fly_direct(problem, index, route) for route in range(MOST_ROUTES))
         choices.append([flight for flight in flights if flight is not None])
     # Many UAVs have too many combinations: only that of the shortest routes is tried.

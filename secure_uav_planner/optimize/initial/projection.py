@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from ..deadline import Check
+from ..deadline import DeadlineCheck
 from ...mission.scenario import Array
 from ...model.cone_program import find_least_utilisations, solve_cone_program
 from ...model.grid import Grid, resample_flights
@@ -38,22 +38,22 @@ _Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]],
 """Rows of a map A x + b into a cone: (row, column, value) of A as arrays, and b."""
 
 
-def find_flights_near(problem: Problem, positions: Array, check: Check,
+def find_flights_near(problem: Problem, positions: Array, raise_if_over: DeadlineCheck,
                       share: float = 1e-3) -> Array | None:
     """
     Return flights that keep all limits, near given ones (U, N+2, 2) in m, or None.
 
-    :param check: called now and then; what it raises is passed on, as everywhere here.
+    :param raise_if_over: called now and then; what it raises is passed on, as everywhere here.
     :param share: of the slack that is left where it can be.
     """
     for opposite in (False, True):
-        flights = project(problem.grid, positions, share, check, opposite)
-        if flights is not None and problem.is_clear(flights, check):
+        flights = project(problem.grid, positions, share, raise_if_over, opposite)
+        if flights is not None and problem.is_clear(flights, raise_if_over):
             return flights
     return None
 
 
-def project(grid: Grid, positions: Array, share: float, check: Check,
+def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineCheck,
             opposite: bool = False) -> Array | None:
     """
     Return flights (U, N+2, 2) in m strictly inside all limits, near given ones, or None.
@@ -65,20 +65,21 @@ def project(grid: Grid, positions: Array, share: float, check: Check,
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
     while slots < grid.slots:
         coarse = grid.with_slots(slots)
-        flights = _Projection(coarse, max(share, _COARSE_SHARE), check).solve(
+        flights = _Projection(coarse, max(share, _COARSE_SHARE), raise_if_over).solve(
             resample_flights(positions, slots), opposite)
         if flights is not None:
-            flights = move_inside(grid, _refine(coarse, flights, grid), share, check)
+            flights = move_inside(grid, _refine(coarse, flights, grid), share, raise_if_over)
             if flights is not None:
                 return flights
         slots *= _REFINEMENT
-    return _Projection(grid, share, check).solve(
+    return _Projection(grid, share, raise_if_over).solve(
         resample_flights(positions, grid.slots), opposite)
 
 
-def move_inside(grid: Grid, positions: Array, share: float, check: Check) -> Array | None:
+def move_inside(grid: Grid, positions: Array, share: float,
+                raise_if_over: DeadlineCheck) -> Array | None:
     """Return flights (U, N+2, 2) in m that are well inside all limits, or else project them."""
-    projection = _Projection(grid, share, check)
+    projection = _Projection(grid, share, raise_if_over)
     inside = projection.test_inside(positions, _CLEARANCE / 2)
     return positions if inside.all() else projection.solve(positions, inside=inside)
 
@@ -106,13 +107,13 @@ class _Projection:
     side of the lines that separate them from what they must clear.
     """
 
-    def __init__(self, grid: Grid, share: float, check: Check) -> None:
-        self._grid, self._check = grid, check
+    def __init__(self, grid: Grid, share: float, raise_if_over: DeadlineCheck) -> None:
+        self._grid, self._raise_if_over = grid, raise_if_over
         limits = build_limits(grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
         self._utilisations = 1 - share * np.maximum(
-            1 - find_least_utilisations(grid.scenario, check), 0.0)
+            1 - find_least_utilisations(grid.scenario, raise_if_over), 0.0)
         self._step = float(np.median(grid.step_lengths)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,
@@ -126,11 +127,11 @@ class _Projection:
         lines = self._choose_lines(base)
         if inside is None:
             inside = np.full(len(positions), False)
-            lines = [limit.rotate_normals(base, chosen, opposite, self._check)
+            lines = [limit.rotate_normals(base, chosen, opposite, self._raise_if_over)
                      for limit, chosen in zip(self._lines, lines, strict=True)]
         for _ in range(_ROUNDS):
             for group in self._split_groups(~inside):
-                self._check()
+                self._raise_if_over()
                 moved = self._move_group(group, base, target, lines)
                 if moved is None:
                     return None
@@ -146,7 +147,7 @@ class _Projection:
         """Return the lines of every limit for a path."""
         chosen = []
         for limit in self._lines:
-            self._check()
+            self._raise_if_over()
             chosen.append(limit.choose_lines(base))
         return chosen
 
@@ -163,10 +164,10 @@ class _Projection:
         for norm in self._norms:
             inside &= self._grid.fixed | (norm.utilisations(positions) < 1)
         for limit in self._lines:
-            self._check()
+            self._raise_if_over()
             path = self._grid.to_path(positions)
             lines = limit.choose_lines(path)
-            self._check()
+            self._raise_if_over()
             slacks = limit.slacks(path, lines)
             close = ((slacks <= clearance * self._step) & ~limit.ignored).any(axis=(0, 2))
             for pieces in (limit.first, limit.second):
@@ -206,7 +207,7 @@ class _Projection:
         linear = np.append(weight * ((base - target)[1:-1, group] / step).ravel(),
                            [_PENALTY, _LINE_PENALTY])
         answer = solve_cone_program(
-            cost, linear, matrix, right, check=self._check,
+            cost, linear, matrix, right, raise_if_over=self._raise_if_over,
             inequalities=sum(len(constants) for _, constants in plain))
         if answer is None:
             return None

@@ -12,7 +12,7 @@ import shapely
 
 from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
 from .projection import find_flights_near
-from ..deadline import Check
+from ..deadline import DeadlineCheck
 from ...errors import InfeasibleMissionError, OptionError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.fields import raise_all
@@ -31,16 +31,16 @@ _ACCURACY_AROUND = 2e-4  # and of those around obstacles.
 _ROUNDING = 1e-4  # Move in m by which retract makes up for rounding errors.
 
 
-def check_durations(scenario: Scenario, check: Check) -> None:
+def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
     """
     Raise an error unless all UAVs have the time from start to goal, as if each were alone.
 
-    :param check: called now and then; what it raises is passed on, as everywhere here.
+    :param raise_if_over: called now and then; what it raises is passed on, as everywhere here.
     :raises InfeasibleMissionError: of the slowest UAV, naming a duration with which all have it;
-        `further` are the errors of the rest. None is named where check raises TimeLimitError in
-        the search for it.
+        `further` are the errors of the rest. None is named where raise_if_over raises
+        TimeLimitError in the search for it.
     """
-    utilisations = find_least_utilisations(scenario, check)
+    utilisations = find_least_utilisations(scenario, raise_if_over)
     slow = [uav for uav, utilisation in zip(scenario.uavs, utilisations, strict=True)
             if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if not slow:
@@ -48,7 +48,7 @@ def check_durations(scenario: Scenario, check: Check) -> None:
 
     def measure_utilisation(uavs: Sequence[Uav], duration: float) -> float:
         step = duration / scenario.slots
-        return max(minimise_utilisation(uav.vehicle, scenario.slots, step, check)[0]
+        return max(minimise_utilisation(uav.vehicle, scenario.slots, step, raise_if_over)[0]
                    for uav in uavs)
 
     try:
@@ -64,17 +64,17 @@ def check_durations(scenario: Scenario, check: Check) -> None:
     raise_all(refuse_slow_uavs(scenario.duration, zip(slow, shortest, strict=True)))
 
 
-def find_flights(problem: Problem, check: Check) -> Array:
+def find_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array:
     """
     Return flights (U, N+2, 2) in m that keep all limits, near fly-hover-fly where they can be.
 
     :raises InfeasibleMissionError: where none are found, naming the UAVs, the obstacles or limits,
         and a duration with which flights are found; `further` are the errors of more UAVs. None
-        is named where check raises TimeLimitError in the search for it.
+        is named where raise_if_over raises TimeLimitError in the search for it.
     """
-    flights = _search_flights(problem, check)
+    flights = _search_flights(problem, raise_if_over)
     if flights is None:
-        _raise_infeasibility(problem, check)
+        _raise_infeasibility(problem, raise_if_over)
     return flights
 
 
@@ -85,34 +85,36 @@ def _find_duration(utilisation: Callable[[float], float], duration: float, **opt
             find_shortest_duration(utilisation, duration, **options))
 
 
-def _search_flights(problem: Problem, check: Check) -> Array | None:
+def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
     """Return flights near fly-hover-fly, or else near the direct ones, or None."""
-    places = problem.routes.find_free_places(list_hovering_places(problem.scenario), check)
-    wanted = build_flights(problem, places, check=check)
-    return _find_first(find_flights_near(problem, flights, check) for flights in chain(
-        [wanted], generate_direct_flights(problem, check)))
+    places = problem.routes.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
+    wanted = build_flights(problem, places, raise_if_over=raise_if_over)
+    return _find_first(find_flights_near(problem, flights, raise_if_over) for flights in chain(
+        [wanted], generate_direct_flights(problem, raise_if_over)))
 
 
-def _search_direct_flights(problem: Problem, check: Check) -> Array | None:
+def _search_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
     """Return flights from start to goal that are well inside all limits, or None."""
-    return _find_first(find_flights_near(problem, flights, check, _SHARE)
-                       for flights in generate_direct_flights(problem, check))
+    return _find_first(find_flights_near(problem, flights, raise_if_over, _SHARE)
+                       for flights in generate_direct_flights(problem, raise_if_over))
 
 
 def _find_first(answers: Iterable[Array | None]) -> Array | None:
     return next((flights for flights in answers if flights is not None), None)
 
 
-def _find_duration_around(scenario: Scenario, duration: float, check: Check,
-                          search: Callable[[Problem, Check], Array | None]) -> float | None:
+def _find_duration_around(
+        scenario: Scenario, duration: float, raise_if_over: DeadlineCheck,
+        search: Callable[[Problem, DeadlineCheck], Array | None]) -> float | None:
     """Return a duration of at least the given one in which a search finds flights, or None."""
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
     def measure_utilisation(duration: float) -> float:
         longer = replace(scenario, duration=duration)
-        has_time = (find_least_utilisations(longer, check) <= 1 + UTILISATION_TOLERANCE).all()
-        return 0.5 if has_time and search(Problem(longer), check) is not None else 2.0
+        utilisations = find_least_utilisations(longer, raise_if_over)
+        has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
+        return 0.5 if has_time and search(Problem(longer), raise_if_over) is not None else 2.0
 
     # From rest to rest, a longer flight is always easier.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
@@ -143,12 +145,12 @@ class _Obstruction(NamedTuple):
         return refuse_duration(duration, self.uav, self.shortest, self.text)
 
 
-def _raise_infeasibility(problem: Problem, check: Check) -> NoReturn:
+def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoReturn:
     """Raise the reason why no flights were found; see find_flights."""
     scenario, obstructions = problem.scenario, list[_Obstruction]()
     try:
         for number in range(len(scenario.uavs)):
-            obstructions += _find_obstructions(scenario, number, check)
+            obstructions += _find_obstructions(scenario, number, raise_if_over)
     except TimeLimitError:
         if not obstructions:
             raise
@@ -158,7 +160,7 @@ def _raise_infeasibility(problem: Problem, check: Check) -> NoReturn:
     if math.isfinite(least):
         # What each UAV needs alone may not be enough for all.
         try:
-            enough = _find_duration_around(scenario, least, check, _search_flights)
+            enough = _find_duration_around(scenario, least, raise_if_over, _search_flights)
         except TimeLimitError:
             enough = None
             obstructions = [obstruction._replace(shortest=math.nan)
@@ -186,7 +188,7 @@ def _refuse_all(problem: Problem, enough: float | None) -> InfeasibleMissionErro
 
 
 def _find_obstructions(scenario: Scenario, number: int,
-                       check: Check) -> Iterator[_Obstruction]:
+                       raise_if_over: DeadlineCheck) -> Iterator[_Obstruction]:
     """Yield the reason why a UAV has no flight even if it is alone, if so."""
     uav = scenario.uavs[number]
     alone = Problem(replace(scenario, uavs=(uav,), separation=0.0))
@@ -195,13 +197,13 @@ def _find_obstructions(scenario: Scenario, number: int,
         yield _Obstruction(uav, number, math.inf, (
             f'no way leads {uav.name} from start to goal: {names} is in its way'))
     elif (names or scenario.geofence is not None) and (
-            _search_direct_flights(alone, check) is None):
+            _search_direct_flights(alone, raise_if_over) is None):
         around = f' around {names}' if names else ''
         if scenario.geofence is not None and GEOFENCE not in names:
             around += f' inside {GEOFENCE}'
         try:
             shortest = _find_duration_around(
-                alone.scenario, scenario.duration, check, _search_direct_flights)
+                alone.scenario, scenario.duration, raise_if_over, _search_direct_flights)
         except TimeLimitError:
             searched = 'in the time for the search'
         else:
@@ -223,7 +225,8 @@ def _name_obstacles(problem: Problem) -> str:
     return ' or '.join(dict.fromkeys(obstacle.name for obstacle in crossed or obstacles))
 
 
-def fly_hover_fly_positions(problem: Problem, check: Check = lambda: None) -> Array:
+def fly_hover_fly_positions(problem: Problem,
+                            raise_if_over: DeadlineCheck = lambda: None) -> Array:
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
@@ -232,14 +235,14 @@ def fly_hover_fly_positions(problem: Problem, check: Check = lambda: None) -> Ar
     place flies towards it and turns back at the last moment that still reaches the goal. Flights
     go around obstacles and keep their separation.
 
-    :param check: called now and then in a search for flights around obstacles; what it raises is
-        passed on.
+    :param raise_if_over: called now and then in a search for flights around obstacles; what it
+        raises is passed on.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
-    check_durations(problem.scenario, check)
+    check_durations(problem.scenario, raise_if_over)
     if problem.airspace.is_open:
         return build_flights(problem, list_hovering_places(problem.scenario))
-    return find_flights(problem, check)
+    return find_flights(problem, raise_if_over)
 
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0,
@@ -274,7 +277,7 @@ def _list_landmarks(scenario: Scenario) -> Array:
 
 
 def adapt_plan(problem: Problem, plan: Plan,
-               check: Check = lambda: None) -> tuple[Array | None, Array]:
+               raise_if_over: DeadlineCheck = lambda: None) -> tuple[Array | None, Array]:
     """
     Return the positions and powers of a plan made feasible for another problem.
 
@@ -282,7 +285,7 @@ def adapt_plan(problem: Problem, plan: Plan,
     What breaks limits moves to the nearest flight that keeps them; without one that clears zones,
     fence and separation, positions are None.
 
-    :param check: as for fly_hover_fly_positions.
+    :param raise_if_over: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
     """
@@ -300,13 +303,13 @@ def adapt_plan(problem: Problem, plan: Plan,
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
     if not problem.keeps_motion(positions):
-        check_durations(scenario, check)
+        check_durations(scenario, raise_if_over)
     retracted, powers = problem.retract(positions, powers)
     clear = problem.is_clear(retracted)
     if clear and np.abs(retracted - positions).max() < _ROUNDING:
         return retracted, powers
     try:
-        feasible = find_flights_near(problem, positions, check)
+        feasible = find_flights_near(problem, positions, raise_if_over)
     except TimeLimitError:
         if not clear:
             raise

@@ -159,7 +159,7 @@ class _PriceSearch:
         for positions, powers in starts:
             with suppress(NumericalError):
                 inside.append(make_strictly_feasible(
-                    driver.grid, positions, powers, SHARE, driver.check))
+                    driver.grid, positions, powers, SHARE, driver.raise_if_over))
         if not inside:
             raise NumericalError('no flight strictly inside the limits was found')
         return self._descend(driver, np.array(inside), mu)

@@ -44,9 +44,9 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
     :param optima: of (P2), which in (P1) may rank differently; the best of them is tried, too.
     """
     incumbent = driver.incumbent
-    driver.check()
+    driver.raise_if_over()
     x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               driver.check)
+                               driver.raise_if_over)
     status = _improve_from(driver, x, WARM_MU if incumbent.warm else PLACES_MU)
     if optima is not None and len(optima.x) > 1:
         with suppress(NumericalError, np.linalg.LinAlgError):
@@ -78,7 +78,7 @@ def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
     # Where places oscillated and the first round gained much, a second may gain more.
     if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
         x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
-                                   WARM_SHARE, driver.check)
+                                   WARM_SHARE, driver.raise_if_over)
         _improve_once(driver, x, mu, MORE_STEPS)
     return status
 
@@ -132,8 +132,9 @@ class _Exchange:
     def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float) -> None:
         self._driver, self._tolerance = driver, WORSE * grid.rate
         self._places = WorstPlaces(grid, x)
-        self._solver = InteriorPointSolver(grid, x[None], mu, driver.check, self._places.receivers,
-                                           self._places.discs, driver.prices)
+        self._solver = InteriorPointSolver(
+            grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
+            driver.prices)
         self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
 
     @property
@@ -147,7 +148,7 @@ class _Exchange:
         return bool(self._solver.finished.all())
 
     def step(self, final_mu: float) -> None:
-        """Take a step, and raise as Deadline.check does."""
+        """Take a step, and raise as Deadline.raise_if_over does."""
         self._driver.step(self._solver, final_mu)
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)

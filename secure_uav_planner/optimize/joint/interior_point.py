@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .starts import refine
-from ..deadline import Check
+from ..deadline import DeadlineCheck
 from ..incumbent import Incumbent
 from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
@@ -42,8 +42,8 @@ class InteriorPointSolver:
     :param x: the starts on a grid, (S, N, U, 3).
     :param mu: the barrier parameter to begin with, in the grid's unit of rates, for all starts or
         for each, (S,).
-    :param check: called between parts of a step that may take long; what it raises ends the
-        step and leaves the starts as they are.
+    :param raise_if_over: called between parts of a step that may take long; what it raises ends
+        the step and leaves the starts as they are.
     :param receivers: at places in the discs; by default those of the guarantee.
     :param discs: of the receivers' places.
     :param prices: of energy in nats per J, (U,), or None.
@@ -54,11 +54,11 @@ class InteriorPointSolver:
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
-                 check: Check = lambda: None,
+                 raise_if_over: DeadlineCheck = lambda: None,
                  receivers: Receivers | None = None, discs: Discs | None = None,
                  prices: Array | None = None) -> None:
         self.grid = grid
-        self.check = check
+        self.raise_if_over = raise_if_over
         self.solver_time = 0.0
         self.x: Array = np.array(x, float, order='C')
         self.mu: Array = np.full(len(x), 1.0) * mu
@@ -92,9 +92,9 @@ class InteriorPointSolver:
 
         :raises NumericalError: when no step could be computed from any start.
         """
-        self.check()
+        self.raise_if_over()
         started = time.perf_counter()
-        taken, failed = self._core.advance(steps, final, self.check)
+        taken, failed = self._core.advance(steps, final, self.raise_if_over)
         self.solver_time += time.perf_counter() - started
         if failed == len(self.x):
             raise NumericalError('no Newton step could be computed')
@@ -112,7 +112,7 @@ class SolverDriver:
     """
     Steps of InteriorPointSolvers that all parts of the method take for one Incumbent.
 
-    Every step is reported to the incumbent, and raises as Deadline.check does.
+    Every step is reported to the incumbent, and raises as Deadline.raise_if_over does.
 
     :ivar grid: the full grid, of the scenario's own slots.
     :ivar elevation_offset: of the links, see make_links.
@@ -122,7 +122,7 @@ class SolverDriver:
 
     def __init__(self, incumbent: Incumbent) -> None:
         self.incumbent = incumbent
-        self.check = incumbent.deadline.check
+        self.raise_if_over = incumbent.deadline.raise_if_over
         self.grid = incumbent.problem.grid
         self.elevation_offset = 0.0
         self.prices: Array | None = None
@@ -136,7 +136,7 @@ class SolverDriver:
 
     def build_solver(self, grid: Grid, x: Array, mu: float | Array) -> InteriorPointSolver:
         """Return an InteriorPointSolver that stops when the method must end."""
-        return InteriorPointSolver(grid, x, mu, self.check,
+        return InteriorPointSolver(grid, x, mu, self.raise_if_over,
                                    Receivers.of(grid, self.elevation_offset), prices=self.prices)
 
     def advance(self, solver: InteriorPointSolver, steps: int, mu: float) -> None:
@@ -163,7 +163,7 @@ class SolverDriver:
                 x, mu = middle.x, middle.mu
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
-            refined = [refine(grid, start, finer, self.check) for start in x]
+            refined = [refine(grid, start, finer, self.raise_if_over) for start in x]
             inside = [start is not None for start in refined]
             if not any(inside):
                 raise NumericalError('no flight strictly inside the limits was found')
@@ -187,7 +187,7 @@ class SolverDriver:
     def step(self, solver: InteriorPointSolver, mu: float, steps: int = 1,
              try_finished: bool = False) -> int:
         """
-        Take up to `steps` steps together, report them, and raise as Deadline.check does.
+        Take up to `steps` steps together, report them, and raise as Deadline.raise_if_over does.
 
         :param try_finished: whether to propose finished starts before the step is reported.
         :return: the number of steps.
@@ -203,7 +203,7 @@ class SolverDriver:
             self.try_best(solver)
         for _ in range(taken):
             self.incumbent.report('joint')
-            self.check()
+            self.raise_if_over()
         return taken
 
     def try_best(self, solver: InteriorPointSolver) -> None:

@@ -103,7 +103,7 @@ def improve_incumbent(driver: SolverDriver, mu: float = WARM_MU) -> Status:
     """Improve the incumbent as it is, from a barrier parameter on; return the status."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               driver.check)
+                               driver.raise_if_over)
     return driver.finish(driver.build_solver(grid, x[None], mu))
 
 
@@ -135,7 +135,7 @@ def _generate_coarse_starts(driver: SolverDriver) -> tuple[Grid, _Starts, Iterat
     while True:
         grid = driver.grid.with_slots(min(driver.grid.slots, slots))
         batches = generate_starts(grid, driver.incumbent.problem, driver.incumbent.positions,
-                                  driver.check)
+                                  driver.raise_if_over)
         try:
             return grid, next(batches), batches
         except NumericalError:

@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..deadline import Check
+from ..deadline import DeadlineCheck
 from ..incumbent import find_powers_without_jamming
 from ..initial import build_flights, fly_around, list_orders, move_inside, project
 from ...errors import NumericalError
@@ -133,7 +133,7 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
 
 
 def generate_starts(grid: Grid, problem: Problem, baseline: Array,
-                    check: Check = lambda: None) -> Iterator[tuple[Array, Array]]:
+                    raise_if_over: DeadlineCheck = lambda: None) -> Iterator[tuple[Array, Array]]:
     """
     Yield two batches of strictly feasible starts.
 
@@ -141,7 +141,8 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     :param problem: of the grid.
     :param baseline: flights that keep all limits, (U, N+2, 2) in m, which are the starts where no
         random ones are found.
-    :param check: called before each flight; what it raises is passed on, as everywhere here.
+    :param raise_if_over: called before each flight; what it raises is passed on, as everywhere
+        here.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
     :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
         grid that can be finer.
@@ -150,18 +151,18 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
-        places = problem.routes.find_free_places(places[:PLACES], check)
+        places = problem.routes.find_free_places(places[:PLACES], raise_if_over)
         alternatives = list(_list_alternatives(problem, places[0]))[:ALTERNATIVES]
     shortest = [(place, None, False) for place in places]
     first = shortest[:FIRST] + [(places[0], *routes) for routes in alternatives]
     rng = np.random.default_rng(1)
     flights: list[tuple[Array, Array]] = []
     for batch, size in ((first, len(first)), (shortest[FIRST:], count - FIRST)):
-        flights = [*_generate_flights(grid, problem, batch, check), *flights]
+        flights = [*_generate_flights(grid, problem, batch, raise_if_over), *flights]
         if len(flights) < ENOUGH * len(first) and grid.slots < scenario.slots:
             raise NumericalError('the grid is too coarse for most flights')
         if not flights:
-            inside = find_interior(grid, baseline, _SHARE, check)
+            inside = find_interior(grid, baseline, _SHARE, raise_if_over)
             if inside is None:
                 raise NumericalError('no flight strictly inside the limits was found')
             flights = [(baseline, inside)]
@@ -170,7 +171,7 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
 
 def _generate_flights(grid: Grid, problem: Problem,
                       batch: Iterable[tuple[Array, _Routes, bool]],
-                      check: Check) -> Iterator[tuple[Array, Array]]:
+                      raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
     """
     Yield flights on the scenario's slots and, strictly inside the limits, on a grid.
 
@@ -178,9 +179,9 @@ def _generate_flights(grid: Grid, problem: Problem,
         meet pass each other on the side opposite to the nearest.
     """
     for place, routes, opposite in batch:
-        check()
-        flight = build_flights(problem, place, routes, check)
-        inside = find_interior(grid, flight, _SHARE, check, opposite)
+        raise_if_over()
+        flight = build_flights(problem, place, routes, raise_if_over)
+        inside = find_interior(grid, flight, _SHARE, raise_if_over, opposite)
         if inside is not None:
             yield flight, inside
 
@@ -235,7 +236,7 @@ def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Route
 
 
 def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float,
-                           check: Check = lambda: None) -> Array:
+                           raise_if_over: DeadlineCheck = lambda: None) -> Array:
     """
     Return variables of a grid that are strictly feasible and near a plan, (..., N, U, 3).
 
@@ -244,7 +245,7 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
     :param share: by which to move from the plan into the interior.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
-    flights = find_interior(grid, positions, share, check)
+    flights = find_interior(grid, positions, share, raise_if_over)
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
     powers = resample(powers.T, grid.slots, inner=True).T
@@ -271,7 +272,7 @@ def limit_powers(scenario: Scenario) -> Array:
     return np.minimum(scenario.average_powers, most)[:, None]
 
 
-def find_interior(grid: Grid, positions: Array, share: float, check: Check,
+def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineCheck,
                   opposite: bool = False) -> Array | None:
     """
     Return flights on a grid that are strictly inside their limits, or None.
@@ -284,7 +285,7 @@ def find_interior(grid: Grid, positions: Array, share: float, check: Check,
     if grid.fixed.all():
         return flights
     if not grid.airspace.is_open:
-        return project(grid, positions, share, check, opposite)
+        return project(grid, positions, share, raise_if_over, opposite)
     return limit_acceleration(grid, flights + share * (grid.reference_flight - flights))
 
 
@@ -301,10 +302,10 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     return positions
 
 
-def refine(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
+def refine(grid: Grid, x: Array, finer: Grid, raise_if_over: DeadlineCheck) -> Array | None:
     """Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None."""
     x = grid.refine(x, finer.slots)
     positions = finer.positions(x)
     inside = (limit_acceleration(finer, positions) if grid.airspace.is_open else
-              move_inside(finer, positions, _REFINED_SHARE, check))
+              move_inside(finer, positions, _REFINED_SHARE, raise_if_over))
     return None if inside is None else finer.variables(inside[:, 1:-1], finer.powers(x))
