@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
 import fcntl
@@ -12,9 +12,8 @@ import os
 from pathlib import Path
 import sys
 from tempfile import TemporaryDirectory
-from threading import Event, Thread
 import time
-from typing import Any, BinaryIO, NoReturn, TYPE_CHECKING
+from typing import Any, BinaryIO, TYPE_CHECKING
 
 from .campaign_file import load_campaign
 from .cli import DONE, FAILED
@@ -98,66 +97,52 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
     journal = folder / journal_name(shard)
     with _open_journal(journal) as file:
         kept = _read_rows(folder)
-        # Two places of a grid may be the same mission, which is planned once.
         rows = {task['key']: _finished_row(kept.get(task['key']), task, folder)
                 for task in tasks()}
         if shard is not None:  # Keys are digests: each share has missions of all kinds.
             number, count = shard
             rows = {key: rows[key] for key in sorted(rows)[number - 1::count]}
-        if None not in rows.values():
-            return [*filter(None, rows.values())]
-        queue = _missing_tasks(tasks(), rows)
-        with _Progress(title, rows.values()) as progress:
-            for row in run_on_cores(queue, jobs) if cluster is None else (
-                    run_on_cluster(queue, cluster)):
-                plan = row.pop('plan', None)
-                if plan is not None:
-                    plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
-                    plan.save(plan_path(folder, row['key']))
-                with naming(journal):
-                    file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
-                    file.flush()
-                rows[row['key']] = row
-                progress.add(row)
+        finished = [row for row in rows.values() if row is not None]
+        if len(finished) == len(rows):
+            return finished
+        queue = _take_missing(tasks(), {key for key, row in rows.items() if row is None})
+        progress = _Progress(title, finished, len(rows))
+        for row in run_on_cores(queue, jobs) if cluster is None else (
+                run_on_cluster(queue, cluster)):
+            plan = row.pop('plan', None)
+            if plan is not None:
+                plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
+                plan.save(plan_path(folder, row['key']))
+            with naming(journal):
+                file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
+                file.flush()
+            rows[row['key']] = row
+            progress.add(row)
+        progress.report()
     return [row for row in rows.values() if row is not None]
 
 
 class _Progress:
     """Reports of progress on stderr: a line that changes on a terminal, otherwise new lines."""
 
-    def __init__(self, title: str, rows: Iterable[Row | None]) -> None:
-        """Begin with the rows of finished missions, and None for the others."""
-        self._title, self._done, self._failed, self._total = title, 0, 0, 0
-        for row in rows:
-            self._total += 1
-            if row is not None:
-                self.add(row)
-        self._first, self._started, self._is_over = self._done, time.monotonic(), Event()
+    def __init__(self, title: str, finished: Sequence[Row], total: int) -> None:
+        self._title, self._total = title, total
+        self._done = self._first = len(finished)
+        self._failed = sum(row['outcome'] != 'ok' for row in finished)
+        self._started = self._reported = time.monotonic()
         self._is_terminal = sys.stderr.isatty()
-        self._thread = Thread(target=self._report, daemon=True)
-
-    def __enter__(self) -> '_Progress':
-        self._thread.start()
-        return self
-
-    def __exit__(self, error: object, *_: object) -> None:
-        self._is_over.set()
-        self._thread.join()
-        if error is None:
-            self._print('\n')
 
     def add(self, row: Row) -> None:
-        """Count a finished mission."""
+        """Count a finished mission, and report if the last report is old."""
         self._done += 1
-        if row['outcome'] != 'ok':
-            self._failed += 1
+        self._failed += row['outcome'] != 'ok'
+        if time.monotonic() - self._reported >= _PERIODS[self._is_terminal]:
+            self.report('\r' if self._is_terminal else '\n')
 
-    def _report(self) -> None:
-        while not self._is_over.wait(_PERIODS[self._is_terminal]):
-            self._print('\r' if self._is_terminal else '\n')
-
-    def _print(self, end: str) -> None:
-        rate = (self._done - self._first) / (time.monotonic() - self._started)
+    def report(self, end: str = '\n') -> None:
+        """Print what is done, and the time that is left."""
+        self._reported = time.monotonic()
+        rate = (self._done - self._first) / max(self._reported - self._started, 1e-9)
         per_second = f'{rate:.0f}' if rate >= 100 else f'{rate:.3g}'
         text = (f'{self._title}: {self._done} of {self._total} missions done, {self._failed} '
                 f'failed, {per_second}/s')
@@ -201,7 +186,7 @@ def _read_rows(folder: Path) -> dict[str, Row]:
                 row = _read_row(line)
                 if row is None and line.endswith(b'\n'):  # Not one that a shard is writing.
                     damaged.append(str(number))
-                elif row is not None and (row['key'] not in rows or not _failed_rows([row])):
+                elif row is not None and (row['key'] not in rows or not _is_lost(row)):
                     rows[row['key']] = row
         if damaged:
             print(f'{path}: no result in line {brief(", ".join(damaged), 60)}; a mission without '
@@ -212,42 +197,36 @@ def _read_rows(folder: Path) -> dict[str, Row]:
 def _read_row(line: bytes) -> Row | None:
     """Return the Row in a line of a journal, or None if it is damaged."""
     try:
-        row = json.loads(line.decode(), parse_constant=_refuse_constant)
+        row = json.loads(line)
     except (ValueError, RecursionError):
         return None
     if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _SINCE_0_1_0:
         return None
-    number = (int, float) if row['outcome'] == 'ok' else (int, float, type(None))
-    kinds = {'key': str, 'method': str, 'objective': str, 'outcome': str, 'fields': dict,
-             'more': dict, 'rate': number, 'guaranteed_rate': number, 'worst_case_rate': number}
-    is_row = all(isinstance(row[name], kind) for name, kind in kinds.items() if name in row)
-    return row if is_row else None
+    rate = (int, float) if row['outcome'] == 'ok' else (int, float, type(None))
+    kinds = {'key': str, 'fields': dict, 'rate': rate, 'guaranteed_rate': rate,
+             'worst_case_rate': rate}
+    return row if all(isinstance(row[name], kind) for name, kind in kinds.items()) else None
 
 
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f'{name} is no number of JSON')
-
-
-def _failed_rows(rows: Iterable[Row]) -> list[Row]:
-    """Return the rows with an infrastructure failure."""
-    return [row for row in rows if row['outcome'] in (ERROR, WORKER_LOST)]
+def _is_lost(row: Row) -> bool:
+    """Return True for an infrastructure failure, which says nothing about the mission."""
+    return row['outcome'] in (ERROR, WORKER_LOST)
 
 
 def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
     """Return a row of the journal, or None if its mission must be planned (again)."""
-    if row is None or _failed_rows([row]):
+    if row is None or _is_lost(row):
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
         folder, row['key']).exists()
     return None if lacks_plan else row
 
 
-def _missing_tasks(tasks: Iterable[Task], rows: dict[str, Row | None]) -> Iterator[Task]:
-    """Yield the tasks without a row, each once."""
-    seen = set()
+def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
+    """Yield the tasks with missing keys; two places of a grid may be the same mission."""
     for task in tasks:
-        if rows.get(task['key'], True) is None and task['key'] not in seen:
-            seen.add(task['key'])
+        if task['key'] in missing:
+            missing.remove(task['key'])
             yield task
 
 
@@ -275,8 +254,8 @@ def run_sweep(options: argparse.Namespace) -> int:
     else:
         print(f'written: {out / journal_name(options.shard)}; when all shards are, the same '
               'command without --shard makes the tables')
-    if failed := _failed_rows(rows):
-        print(f'secure_uav_planner: {len(failed)} missions failed for reasons outside of them, '
-              f'and the same command plans them again: {failed[0]["reason"]}', file=sys.stderr)
+    if lost := [row for row in rows if _is_lost(row)]:
+        print(f'secure_uav_planner: {len(lost)} missions failed for reasons outside of them, '
+              f'and the same command plans them again: {lost[0]["reason"]}', file=sys.stderr)
         return FAILED
     return DONE

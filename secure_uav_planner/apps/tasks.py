@@ -1,15 +1,15 @@
 """Tasks of a campaign: each plans one mission, on this computer's cores or on a Dask cluster."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import nullcontext
 import hashlib
 from itertools import islice
 import json
 import math
-import os
 from pathlib import Path
 from pkgutil import resolve_name
 import signal
+from threading import current_thread, main_thread
 import time
 from typing import Any, TYPE_CHECKING, TypeAlias
 
@@ -38,10 +38,6 @@ COLUMNS = ('key', 'sample', 'method', 'objective', 'outcome', 'reason', 'rate', 
 
 ERROR, WORKER_LOST = 'error', 'worker_lost'
 """Outcomes of infrastructure failures (memory, disk, worker); such missions are retried."""
-
-THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
-                 'RAYON_NUM_THREADS')
-"""Environment variables that limit the threads of numerical libraries."""
 
 _QUEUE_LENGTH = 4  # Submitted tasks for each worker of a cluster.
 _CONNECT_TIMEOUT = 15.0  # In s.
@@ -165,57 +161,24 @@ def run_on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[Row]:
     """
     with name_missing_package():
         import joblib
-    with _limit_worker_threads():
-        # A terminal sends Ctrl-C to all processes; the workers inherit that they ignore it.
-        handler = _ignore_interrupts()
-        try:
+    # A terminal sends Ctrl-C to all processes; the workers inherit that they ignore it.
+    # Only the main thread can set handlers.
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if (
+        current_thread() is main_thread()) else None
+    try:
+        with joblib.parallel_config('loky', inner_max_num_threads=1):
             rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
                 joblib.delayed(run_task)(task) for task in tasks)
-        finally:
-            if handler is not None:
-                signal.signal(signal.SIGINT, handler)
-        try:
-            yield from rows
-        except RuntimeError as error:
-            raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the '
-                               'same command goes on from here') from None
-        finally:
-            rows.close()
-
-
-@contextmanager
-def _limit_worker_threads() -> Iterator[None]:
-    """Limit the libraries of processes that are started in the context to a thread each."""
-    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
-    os.environ.update(dict.fromkeys(THREAD_COUNTS, '1'))
-    try:
-        yield
     finally:
-        for name, value in before.items():
-            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
-
-
-def _ignore_interrupts() -> Any:
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
     try:
-        return signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # Handlers can be set in the main thread only.
-        return None
-
-
-@contextmanager
-def _open_client(cluster: 'str | Client') -> 'Iterator[Client]':
-    """Give a client as it is, or one of a scheduler's address, which is closed in the end."""
-    if not isinstance(cluster, str):
-        yield cluster
-        return
-    with name_missing_package():
-        from distributed import Client
-    try:
-        client = Client(cluster, timeout=_CONNECT_TIMEOUT)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise OptionError(f'the scheduler {cluster} cannot be reached: {error}') from None
-    with client:
-        yield client
+        yield from rows
+    except RuntimeError as error:
+        raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the same '
+                           'command goes on from here') from None
+    finally:
+        rows.close()
 
 
 def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[Row]:
@@ -229,9 +192,16 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
     :raises OptionError: when the scheduler does not answer.
     :raises ClusterError: when the scheduler is lost on the way.
     """
-    with _open_client(cluster) as client:
-        from distributed import as_completed
-        address = client.scheduler.address
+    with name_missing_package():
+        from distributed import as_completed, Client
+    try:
+        context = Client(cluster, timeout=_CONNECT_TIMEOUT) if isinstance(cluster, str) else (
+            nullcontext(cluster))
+    except (OSError, ValueError, TimeoutError) as error:
+        raise OptionError(f'the scheduler {cluster} cannot be reached: {error}') from None
+    with context as client:
+        lost = (f'the scheduler {client.scheduler.address} is lost; the same command goes on from '
+                'here')
         queue, submitted = iter(tasks), {}
 
         def submit(count: int) -> list[Any]:
@@ -244,7 +214,6 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
                 futures.append(future)
             return futures
 
-        lost = f'the scheduler {address} is lost; the same command goes on from here'
         try:
             finished = as_completed(
                 submit(_QUEUE_LENGTH * max(1, sum(client.nthreads().values()))))
@@ -260,7 +229,6 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
                     **_make_row(task), 'outcome': WORKER_LOST,
                     'reason': str(future.exception())[:500]}
                 future.release()
-                for successor in submit(1):
-                    finished.add(successor)
+                finished.update(submit(1))
         except OSError:
             raise ClusterError(lost) from None
