@@ -1,7 +1,7 @@
 """The command: its arguments, and the exit status of what they run."""
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 import difflib
 from importlib import import_module
@@ -155,44 +155,30 @@ def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
             f'did you mean {near[0]}?' if near else f'there are {", ".join(names)}'))
 
 
-def _parse_seconds(text: str, allowed: str = 'a number above 0') -> float:
-    with suppress(ValueError):
-        if float(text) > 0:
-            return float(text)
-    raise argparse.ArgumentTypeError(
-        f'{quote(text)} must be {allowed}, in s and without a unit')
+def _make_type(convert: Callable[[str], Any], allowed: str,
+               is_allowed: Callable[[Any], bool] = lambda _: True) -> Callable[[str], Any]:
+    """Return a type of arguments, which converts their text, for argparse."""
+    def parse(text: str) -> Any:
+        with suppress(ValueError):
+            value = convert(text)
+            if is_allowed(value):
+                return value
+        raise argparse.ArgumentTypeError(f'{quote(text)} must be {allowed}')
+    return parse
 
 
-def _parse_limit(text: str) -> float | None:
-    with suppress(ValueError):
-        if float(text) == 0:
-            return None
-    return _parse_seconds(text, '0 or a number above 0')
-
-
-def _parse_number(text: str) -> float:
-    with suppress(ValueError):
-        return float(text)
-    raise argparse.ArgumentTypeError(f'{quote(text)} must be a number, without its unit')
+_number = _make_type(float, 'a number, without its unit')
+_whole = _make_type(int, 'a whole number')
+_seconds = _make_type(float, 'a number above 0, in s and without a unit', lambda s: s > 0)
+_seconds_or_0 = _make_type(
+    float, '0 or a number above 0, in s and without a unit', lambda s: s >= 0)
+_shard = _make_type(
+    lambda text: tuple(map(int, text.split('/'))), 'K/N, such as 3/16, with K from 1 to N',
+    lambda shard: len(shard) == 2 and 1 <= shard[0] <= shard[1])
 
 
 def _number_option(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
-    return {'type': _parse_number, 'metavar': metavar, 'help': text, **more}
-
-
-def _parse_whole(text: str) -> int:
-    with suppress(ValueError):
-        return int(text)
-    raise argparse.ArgumentTypeError(f'{quote(text)} must be a whole number')
-
-
-def _parse_shard(text: str) -> tuple[int, int]:
-    with suppress(ValueError):
-        number, count = map(int, text.split('/'))
-        if 1 <= number <= count:
-            return number, count
-    raise argparse.ArgumentTypeError(
-        f'{quote(text)} must be K/N, such as 3/16, with K from 1 to N')
+    return {'type': _number, 'metavar': metavar, 'help': text, **more}
 
 
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
@@ -215,10 +201,10 @@ the best plan so far.""", {
                                     "bit/Hz by the objective's rate; the mission's duration and "
                                     'slots then say how long a slot is'),
         '--time-limit': {
-            'type': _parse_seconds, 'metavar': 'S', 'help': 'end the search for a plan after so '
+            'type': _seconds, 'metavar': 'S', 'help': 'end the search for a plan after so '
             'many seconds and keep the best plan so far (default: none)'},
         '--bound-time-limit': {
-            'type': _parse_limit, 'default': 10.0, 'metavar': 'S',
+            'type': _seconds_or_0, 'default': 10.0, 'metavar': 'S',
             'help': 'the same for the bound; 0 for no bound (default: %(default)g)'},
         '--no-baselines': {'action': 'store_true', 'help': 'leave out fly-hover-fly, with which '
                            'the plan is compared'},
@@ -234,7 +220,7 @@ the best plan so far.""", {
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
     'explore': ('explore:explore_mission', 'drag a mission and see its best plan', '', {
         'mission': {'nargs': '?', 'help': f'{_MISSION} (default: the example of `new`)'},
-        '--port': {'type': _parse_whole, 'default': 0, 'metavar': 'N',
+        '--port': {'type': _whole, 'default': 0, 'metavar': 'N',
                    'help': 'port of this computer that the page is at (default: a free one)'}}),
     'show': ('planning:show_plan', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
@@ -250,9 +236,9 @@ plan allows for.""", {
         'plan': _PLAN,
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
                '.assess.png beside the plan)'},
-        '--draws': {'type': _parse_whole, 'default': 1000, 'metavar': 'D',
+        '--draws': {'type': _whole, 'default': 1000, 'metavar': 'D',
                     'help': 'how many worlds (default: %(default)s)'},
-        '--seed': {'type': _parse_whole, 'default': 0, 'metavar': 'S',
+        '--seed': {'type': _whole, 'default': 0, 'metavar': 'S',
                    'help': 'of the draws (default: %(default)s)'},
         '--place': {'choices': LOCATION_MODELS,
                     'help': 'where each eavesdropper is: anywhere in its disc '
@@ -287,9 +273,9 @@ of it, such as too little memory, the same command plans it again.""", {
         'mission': {'metavar': 'campaign', 'help': 'campaign file: YAML or JSON'},
         _OUT: {'default': 'out/sweep', 'metavar': 'FOLDER',
                'help': 'folder for the results (default: %(default)s)'},
-        '--jobs': {'type': _parse_whole, 'default': -1, 'metavar': 'N',
+        '--jobs': {'type': _whole, 'default': -1, 'metavar': 'N',
                    'help': 'processes on this computer (default: as many as there are cores)'},
-        '--shard': {'type': _parse_shard, 'metavar': 'K/N', 'help': 'plan only the K-th of N '
+        '--shard': {'type': _shard, 'metavar': 'K/N', 'help': 'plan only the K-th of N '
                     'shares, as a job of an array; when all are finished, the same command '
                     'without it joins them'},
         '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '

@@ -22,7 +22,6 @@ from ..model.limits import lift_limits, measure_energies
 from ..model.problem import Problem
 from ..optimize import fly_hover_fly, solve
 from ..output.autopilots import changes
-from ..plan.plan import Plan
 
 SHORTFALL_DRAWS = 200
 """Draws of the assessment that estimates how often a slot has less than its planned rate."""
@@ -51,28 +50,30 @@ def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
                           f'{", ".join(suffixes)}')
-    try:
+    with _refusing(f'{file} cannot be written', '; choose another file with --out'):
         if file.is_dir():
             raise IsADirectoryError('it is a folder')
         with tempfile.TemporaryFile(dir=file.parent):
             return file
-    except OSError as error:
-        raise OptionError(f'{file} cannot be written: {error.strerror or error}; choose another '
-                          'file with --out') from None
 
 
 def make_folder(folder: Path) -> Path:
     """Make a folder if needed and return it; raise an error unless it is writable."""
-    try:
+    with _refusing(f'{folder} cannot be written to', '; choose another folder with --out'):
         if folder.is_file():
             raise NotADirectoryError('it is a file')
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
+
+
+@contextmanager
+def _refusing(text: str, advice: str = '') -> Iterator[None]:
+    """Turn an OSError into an OptionError with its reason between a text and advice."""
+    try:
+        yield
     except OSError as error:
-        raise OptionError(
-            f'{folder} cannot be written to: {error.strerror or error}; choose another folder '
-            'with --out') from None
+        raise OptionError(f'{text}: {error.strerror or error}{advice}') from None
 
 
 def create_mission(options: argparse.Namespace) -> int:
@@ -85,18 +86,19 @@ def create_mission(options: argparse.Namespace) -> int:
         raise OptionError(f'{path} is there already; --force replaces it')
     if path.suffix.lower() == '.json':
         raise OptionError(f'{path} cannot have comments as JSON; name it .yaml')
-    try:
-        with atomic_file(path) as file:
-            file.write(EXAMPLE.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise OptionError(f'{path} cannot be written: {error.strerror or error}') from None
+    with _refusing(f'{path} cannot be written'), atomic_file(path) as file:
+        file.write(EXAMPLE.read_text(encoding='utf-8'))
     print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
     return DONE
 
 
 def check_mission(options: argparse.Namespace) -> int:
     """Report all that is wrong with a mission; return the exit status."""
-    scenario, plan = _plan_baseline(options.mission)
+    scenario = load_input(options.mission)
+    with locating_errors(options.mission):
+        plan = fly_hover_fly(lift_limits(scenario))
+        if scenario.limits_energy:
+            solve(scenario, objective='guaranteed')
     jammers = len(scenario.uavs) - 1
     print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
           f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
@@ -164,16 +166,6 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
             yield (f'{uav.name}: by the model, hovering all the time takes '
                    f'{hovering / uav.max_energy:.0%} of max_energy, and the straight way '
                    f'{energy / uav.max_energy:.0%}')
-
-
-def _plan_baseline(path: str) -> tuple[Scenario, Plan]:
-    """Return a mission and its fly-hover-fly with any energy; raise an error if it has faults."""
-    scenario = load_input(path)
-    with locating_errors(path):
-        plan = fly_hover_fly(lift_limits(scenario))
-        if scenario.limits_energy:
-            solve(scenario, objective='guaranteed')
-        return scenario, plan
 
 
 @contextmanager

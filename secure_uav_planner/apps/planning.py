@@ -165,7 +165,7 @@ def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _
 
 
 def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -> Bound | None:
-    if progress.is_stopped or options.bound_time_limit is None or explain_refusal(plan.scenario):
+    if progress.is_stopped or not options.bound_time_limit or explain_refusal(plan.scenario):
         return None
     progress.show('bound ...', force=True)
     return upper_bound(
@@ -178,20 +178,20 @@ def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]
     """Write CSV, picture and page, and yield each file that is written."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
-    for file, save in ((out / 'plan.png', _save_picture), (out / 'plan.html', _save_page)):
+    for file in (out / 'plan.png', out / 'plan.html'):
         with drawing_if_possible(file):
-            save(plan, file, baselines)
+            _save_view(plan, file, baselines)
             yield file
 
 
-def _save_picture(plan: Plan, file: Path, baselines: list[Plan]) -> None:
-    from ..output.picture import save_picture
-    save_picture(plan, file, baselines)
-
-
-def _save_page(plan: Plan, file: Path, baselines: list[Plan]) -> None:
-    from ..output.page import save_page
-    save_page(plan, file, baselines)
+def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
+    """Write the picture or the page of a plan, as the suffix of the file says."""
+    if file.suffix.lower() == _PAGE:
+        from ..output.page import save_page
+        save_page(plan, file, baselines)
+    else:
+        from ..output.picture import save_picture
+        save_picture(plan, file, baselines)
 
 
 def show_plan(options: argparse.Namespace) -> int:
@@ -200,7 +200,7 @@ def show_plan(options: argparse.Namespace) -> int:
     file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE))
     print(rate_table([plan]))
     with drawing(file):
-        (_save_page if file.suffix.lower() == _PAGE else _save_picture)(plan, file, [])
+        _save_view(plan, file, [])
     print(f'written: {file}')
     return DONE
 
@@ -220,8 +220,9 @@ def assess_plan(options: argparse.Namespace) -> int:
 
 def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
     """Return the World of the options."""
-    values = {field.name: getattr(options, field.name) for field in fields(World)
-              if getattr(options, field.name, None) is not None}
+    values, changes = ({
+        field.name: value for field in fields(kind)
+        if (value := getattr(options, field.name, None)) is not None} for kind in (World, Channel))
     if 'covariance' in values:
         xx, xy, yy = values['covariance']
         values['covariance'] = ((xx, xy), (xy, yy))
@@ -236,11 +237,9 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
                           'eavesdropper with a track')
     if options.mean_gain:
         values['los_distance'] = None
-    changes = {field.name: getattr(options, field.name) for field in fields(Channel)
-               if getattr(options, field.name, None) is not None}
-    if changes.get('los') == 'none':
-        changes['los'] = None
     if changes:
+        if changes.get('los') == 'none':
+            changes['los'] = None
         try:
             channel = plan.scenario.channel
             # A channel with fading needs an outage, which the draws do not use.
