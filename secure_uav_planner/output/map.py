@@ -7,7 +7,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Circle, Polygon
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 import numpy as np
@@ -25,9 +25,10 @@ _FONT_SIZE = 8.0  # In points, of texts on the map.
 _GAPS = 5.0, 10.0  # In points, from a path to its labels.
 _LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
 GREY = '0.45'
-_ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
-_ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
-_MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
+_ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2, 'label': 'no-fly zone'}
+_ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':',
+                   'label': 'no-fly zone at\nother altitudes'}
+_TRACK = (0, (4, 2))
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 _HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
 
@@ -45,15 +46,15 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     scenario = plan.scenario
     set_up_map(axes, extent)
     baseline_paths = [path for baseline in baselines for path in baseline.positions]
-    for path in baseline_paths:
-        axes.plot(*path.T, color=GREY, linewidth=0.9, zorder=1)
     draw_ground(axes, scenario)
+    for path in baseline_paths:
+        axes.plot(*path.T, color=GREY, linewidth=0.9, zorder=1, label='baseline')
     peak = max(uav.peak_power for uav in scenario.uavs)
     point = _point_size(axes)
     occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
                 *(shapely.Point(center).buffer(max(radius, 5 * point))
                   for discs in shown_discs(scenario) for _, center, radius in discs),
-                *_disc_boxes(scenario, point),
+                *(_find_box(axes, text) for text in axes.texts if text.get_text()),
                 *(shapely.Point(node.position).buffer(5 * point)
                   for node in scenario.ground_nodes),
                 *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
@@ -69,11 +70,11 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
                      [shapely.LineString(path) for path in baseline_paths])
     if legend:
         levels = np.linspace(0, 1, 9)
-        add_map_legend(axes, scenario, {
+        add_map_legend(axes, {
             uav_label(uav, f', 0 to {peak:g} W'): tuple(
                 Line2D([], [], color=_power_colors(index)(level), linewidth=_line_width(level),
                        solid_capstyle='butt') for level in levels)
-            for index, uav in enumerate(scenario.uavs)}, bool(baselines), **options)
+            for index, uav in enumerate(scenario.uavs)}, **options)
 
 
 def uav_label(uav, text):
@@ -81,62 +82,51 @@ def uav_label(uav, text):
     name = uav.name
     if len(name) > _NAME_LENGTH:  # Without its middle, as the ends of names tell them apart.
         name = f'{name[:_NAME_LENGTH // 2 - 2]}...{name[2 - _NAME_LENGTH // 2:]}'
-    label = _escape('\n'.join(wrap(name + text, LEGEND_WIDTH)))
-    return f' {label}' if label.startswith('_') else label  # '_' would hide it.
+    return _escape('\n'.join(wrap(name + text, LEGEND_WIDTH)))
 
 
 def _escape(text):
-    """Escape the dollar signs of a text, which Matplotlib takes for formulas."""
-    return text.replace('$', r'\$')
+    """Escape the dollars of a text, which are formulas to Matplotlib, and a '_' that hides it."""
+    text = text.replace('$', r'\$')
+    return f' {text}' if text.startswith('_') else text
 
 
 def draw_ground(axes, scenario):
-    """Draw zones, fence, eavesdroppers and the ground nodes."""
-    _draw_airspace(axes, scenario)
+    """Draw the ground nodes, eavesdroppers, zones and fence, with labels for the legend."""
+    for index, (node, name) in enumerate(zip(scenario.ground_nodes, node_labels(scenario))):
+        axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
+                  label=_escape(name))
     _draw_tracks(axes, scenario)
     for index, (eve, name, discs) in enumerate(zip(
             scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
-        color = eavesdropper_color(index, eve)
+        color, name = eavesdropper_color(index, eve), _escape(name)
         for time, center, radius in discs:
             axes.add_patch(Circle(center, radius, facecolor=color, alpha=0.25))
             axes.add_patch(Circle(center, radius, fill=False, edgecolor=color))
-            axes.annotate(_disc_label(eve, name, time), center, (-_GAPS[1], 0),
-                          textcoords='offset points', fontsize=_FONT_SIZE, ha='right',
-                          va='center', color=color, zorder=8, path_effects=_HALO)
-        axes.plot(*eve.position, 'X', **_marker_style(color, 8), zorder=6, label=_escape(name))
+            if eve.track is not None:
+                axes.annotate(f'{time:g} s' if time else f'{name}, 0 s', center, (-10, 0),
+                              textcoords='offset points', fontsize=_FONT_SIZE, ha='right',
+                              va='center', color=color, zorder=8, path_effects=_HALO)
+        style, label = _marker_style(color, 8), name
+        if eve.track is None:
+            label = 'eavesdropper, disc' if eve.error_radius else 'eavesdropper'
+        else:
+            style['linestyle'] = _TRACK  # In the legend.
+        axes.plot(*eve.position, marker='X', **style, zorder=6, label=label)
         axes.annotate(receiver_label(eve), eve.position, (7, 7), textcoords='offset points',
                       fontsize=8, color=color, zorder=8, path_effects=_HALO)
-    for index, node in enumerate(scenario.ground_nodes):
-        axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
-                  label='ground node')
+    _draw_airspace(axes, scenario)
 
 
-def _disc_label(eavesdropper, name, time):
-    """Return the text of a disc at a time in s, empty for an eavesdropper that stands."""
-    if eavesdropper.track is None:
-        return ''
-    return f'{time:g} s' if time else f'{_escape(name)}, 0 s'
-
-
-def _disc_boxes(scenario, point):
-    """Yield the boxes on the map of the texts of discs; `point` is a typographic one in m."""
-    for eve, name, discs in zip(
-            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario)):
-        for time, (x, y), _ in discs:
-            width, height = _text_size(_disc_label(eve, name, time), point)
-            right = x - _GAPS[1] * point
-            yield shapely.box(right - width, y - height / 2, right, y + height / 2)
-
-
-def _text_size(text, point):
-    """Return an estimate of width and height of a text on the map; see _disc_boxes."""
-    return np.array([0.62 * len(text), 1.0]) * _FONT_SIZE * point
+def _find_box(axes, text):
+    """Return the box of a text on the map."""
+    return shapely.box(*axes.transData.inverted().transform(text.get_window_extent()).ravel())
 
 
 def _draw_tracks(axes, scenario):
     """Draw the tracks of receivers that move, with an arrow at the end."""
     for _, track, color in list_tracks(scenario, scenario.times):
-        axes.plot(*track.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
+        axes.plot(*track.T, color=color, linewidth=1.0, linestyle=_TRACK, zorder=2)
         moved = np.flatnonzero((track != track[-1]).any(axis=1))[-1]
         axes.annotate('', track[-1], track[moved], zorder=6,
                       arrowprops={'arrowstyle': '-|>', 'color': color})
@@ -152,9 +142,10 @@ def draw_ends(axes, index, start, goal):
 def _draw_airspace(axes, scenario):
     """Draw fence and zones with their margins; zones at other altitudes are not filled."""
     for ring in margin_rings(scenario):
-        axes.add_patch(Polygon(ring, **_MARGIN, zorder=0.4, label='margin'))
+        axes.add_patch(Polygon(ring, facecolor=MARGIN, edgecolor='none', zorder=0.4,
+                               label=f'margin of {scenario.tracking_margin:g} m'))
     if scenario.geofence is not None:
-        axes.add_patch(Polygon(scenario.geofence, **_FENCE, zorder=1))
+        axes.add_patch(Polygon(scenario.geofence, **_FENCE, zorder=1, label='geofence'))
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
         style = _ZONE if is_obstacle(zone, scenario) else _ZONE_OVERFLOWN
         axes.add_patch(Polygon(zone.vertices, **style, zorder=1.5))
@@ -239,7 +230,8 @@ def _group_marks(places, least):
 def _list_free_boxes(axes, text, place, direction, occupied):
     """Return boxes of a text beside a place on a path, within the map and free, best first."""
     point = _point_size(axes)
-    size, (x, y) = _text_size(text, point), direction
+    # An estimate, without drawing the text.
+    size, (x, y) = np.array([0.62 * len(text), 1.0]) * _FONT_SIZE * point, direction
     inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
     boxes = []
     for gap, angle in product(_GAPS, np.arctan2(x, -y) + _LABEL_ANGLES):
@@ -251,32 +243,12 @@ def _list_free_boxes(axes, text, place, direction, occupied):
     return boxes
 
 
-def add_map_legend(axes, scenario, uav_entries, has_baselines=False, **options):
+def add_map_legend(axes, uav_entries, **options):
     """Explain the symbols of the map after the entries, artists by label, of the UAVs."""
-    standing = [eve for eve in scenario.eavesdroppers if eve.track is None]
-    has_discs = any(eve.error_radius for eve in standing)
-    entries = {
-        **uav_entries,
-        **{name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
-           for name, marker in (('start', 'o'), ('goal', 's'))},
-        **{_escape(name): Line2D(
-            [], [], marker='^', **_marker_style(node_color(scenario, index), 10))
-           for index, name in enumerate(node_labels(scenario))},
-        **{_escape(name): Line2D([], [], marker='X', **{
-            **_marker_style(eavesdropper_color(index, eve), 8), 'linestyle': (0, (4, 2))})
-           for index, (name, eve) in enumerate(zip(
-               scenario.eavesdropper_names, scenario.eavesdroppers)) if eve.track is not None}}
-    if standing:
-        entries['eavesdropper, disc' if has_discs else 'eavesdropper'] = Line2D(
-            [], [], marker='X', **_marker_style(EAVESDROPPER, 8))
-    if scenario.no_fly_zones:
-        entries['no-fly zone'] = Patch(**_ZONE)
-    if scenario.geofence is not None:
-        entries['geofence'] = Line2D([], [], color=GEOFENCE, linewidth=1.2,
-                                     linestyle=_FENCE['linestyle'])
-    if scenario.tracking_margin:
-        entries[f'margin of {scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
-    if has_baselines:
-        entries['baseline'] = Line2D([], [], color=GREY, linewidth=0.9)
+    entries = {**uav_entries, **{
+        name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
+        for name, marker in (('start', 'o'), ('goal', 's'))}}
+    for artist, label in zip(*axes.get_legend_handles_labels()):
+        entries.setdefault(label, artist)
     add_legend(axes, list(entries.values()), list(entries), **{
         'handlelength': 3, 'handler_map': {tuple: HandlerTuple(ndivide=None, pad=0)}, **options})

@@ -142,7 +142,7 @@ def draw_scenario(scenario) -> Picture:
         axes.annotate('', uav.goal, uav.start, zorder=3, arrowprops={
             'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
         draw_ends(axes, index, uav.start, uav.goal)
-    add_map_legend(axes, scenario, {
+    add_map_legend(axes, {
         uav_label(uav, f', {uav.altitude:g} m high'): Line2D(
             [], [], color=uav_color(index), linestyle=(0, (2, 4)))
         for index, uav in enumerate(scenario.uavs)})
