@@ -357,7 +357,7 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
 
 @pytest.mark.parametrize('text, reason', [
     ('mision: mission.yaml', 'did you mean mission?'),
-    ('vary: {}', 'mission is null'), ('', 'it must be a mapping'),
+    ('vary: {}', 'lacks mission'), ('', 'it must be a mapping'),
     ('mission: none.yaml', 'mission none.yaml cannot be read: No such file'),
     ('mission: {slots: 3}', 'lacks eavesdroppers'), *(
         (f'mission: mission.yaml\n{line}', words) for line, words in (
@@ -371,7 +371,8 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
             ('vary: {duration: {normal: [1, -1]}}', 'the second at least 0'),
             ('vary: {duration: {gamma: [1, 1]}}', 'must be a list of values'),
             ('vary: {duration: [120, .inf]}', 'its numbers must be finite'),
-            ('seed: -1', 'seed is -1'), (f'samples: {10**400}', 'it must have 1 to'),
+            ('seed: -1', 'seed is -1'), (f'samples: {10**400}', 'samples is'),
+            ('vary: {slots: [1, 2]}\nsamples: 1000000', 'it must have 1 to'),
             ('methods: [magic]', "methods is ['magic']"),
             ('methods: [alternating]\nobjectives: [worst_case]', 'only the method'),
             ('time_limit: 0', 'time_limit is 0'), ('plans: maybe', "plans is 'maybe'"),
@@ -400,10 +401,9 @@ TRACK = [[0.0, 200.0, -300.0, 10.0], [120.0, 200.0, 300.0, 10.0]]
 
 
 @pytest.mark.parametrize('moves, vary, reason', [
-    (True, 'eavesdroppers.0.error_radius: [0, 60]', 'eavesdroppers.0.error_radius is decided by'),
-    (True, 'eavesdroppers.*.position.0: [0, 60]', 'vary eavesdroppers.0.track and its knots'),
-    (True, 'ground_node: [[0, 0], [5, 5]]', 'vary ground_node.track and its knots'),
-    (True, 'ground_node.position: [[0, 0], [5, 5]]', 'ground_node.position is decided by'),
+    (True, 'eavesdroppers.0.error_radius: [0, 60]', "no field 'eavesdroppers.0.error_radius'"),
+    (True, 'eavesdroppers.*.position.0: [0, 60]', 'vary the knots of a track instead'),
+    (True, 'ground_node.position: [[0, 0], [5, 5]]', "no field 'ground_node.position'"),
     (False, f'eavesdroppers.0.track: [null, {TRACK}], eavesdroppers.*.error_radius: [5]',
      'eavesdroppers.*.error_radius is decided by')])
 def test_what_a_track_decides_is_not_varied(folder, moves, vary, reason):

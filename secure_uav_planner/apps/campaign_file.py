@@ -1,26 +1,29 @@
 """Campaign files: the mission, the fields that vary, and the tasks of all combinations."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 import copy
-from dataclasses import asdict, dataclass
-import difflib
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
 from itertools import chain, product
 import json
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .tasks import load_scheme, make_task, Task
 from ..assessment.monte_carlo import arguments
-from ..errors import OptionError, quote, ScenarioError, yaml_notation
+from ..errors import OptionError, prefix_path, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
+from ..mission.fields import (
+    Block, Checked, checked_by, checked_truth, ErrorList, raise_all, read_object, WholeNumber)
 from ..mission.formats.documents import Document, FileProblem, make_file_error, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
+from ..mission.validation import to_number
 from ..optimize.methods import check_objective
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
@@ -36,73 +39,251 @@ _LEFT_OUT = {'channel': asdict(Channel()), 'colluding': False}
 """Defaults that Scenario.to_dict leaves out, and so do missions of campaigns that do not vary
 them."""
 
-_DEFAULTS: dict[str, Any] = {
-    'mission': None, 'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]],
-    'objectives': None, 'time_limit': None, 'bound_time_limit': None, 'plans': False,
-    'assess': None}
+_OWN = 'module:function'  # Of a user, among the methods.
+
+
+class Law(NamedTuple):
+    """A law of LAWS by which a field is drawn, and its two numbers, or two places."""
+
+    name: str
+    first: Any
+    second: Any
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """Return a plain number or place; raise ValueError for numbers that no law has."""
+        return np.asarray(getattr(rng, self.name)(self.first, self.second)).tolist()
+
+
+def _checked_mission(owner: str, name: str, value: Any) -> Any:
+    """Return the Scenario of a file, or of the fields of a mission."""
+    try:
+        with prefix_path(name):
+            value = Scenario.load(value) if isinstance(value, str) else value
+    except OSError as error:
+        raise ScenarioError(f'the mission {value} cannot be read: {error.strerror or error}',
+                            (name,)) from None
+    return Block(Scenario)(owner, name, value)
+
+
+def _checked_variations(owner: str, name: str, value: Any) -> dict[str, list[Any] | Law]:
+    """Return the values of each varied field, or its Law."""
+    if not isinstance(value, dict):
+        raise ScenarioError(f'{name} is {quote(value)}; it must be a mapping of fields', (name,))
+    errors, variations = ErrorList(), {}
+    for varied, values in value.items():
+        with errors.collecting(name, varied):
+            variations[varied] = _parse_variation(varied, values)
+    raise_all(errors)
+    return variations
+
+
+def _parse_variation(name: str, value: Any) -> list[Any] | Law:
+    allowed = ('it must be a list of values, {from, to, count}, {uniform: [low, high]} or '
+               '{normal: [mean, deviation]}')
+    if isinstance(value, list) and value:
+        with suppress(ValueError):
+            json.dumps(value, allow_nan=False)
+            return value
+        allowed = 'its numbers must be finite, and null stands for no limit'
+    elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
+        allowed = f'from and to must be numbers, count a whole number from 1 to {MOST_TASKS}'
+        with suppress(TypeError, ValueError), np.errstate(all='ignore'):
+            if 1 <= value['count'] <= MOST_TASKS:
+                steps = np.linspace(value['from'], value['to'], value['count'])
+                if np.isfinite(steps).all():
+                    return list(steps.tolist())
+    elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
+        [(law, numbers)] = value.items()
+        allowed = (f'{law} must have two numbers, or two places; they must be finite, and '
+                   f'{LAWS[law]}')
+        with suppress(TypeError, ValueError, OverflowError):
+            drawn = Law(law, *numbers)
+            if np.isfinite(drawn.draw(np.random.default_rng(0))).all():
+                return drawn
+    raise ScenarioError(f'{name} is {quote(value)}; {allowed}')
+
+
+def _checked_limit(owner: str, name: str, value: Any) -> Any:
+    if not to_number(value) > 0:
+        raise ScenarioError(f'{name} is {quote(value)}; it must be above 0 s, or null', (name,))
+    return value
+
+
+def _checked_names(allowed: tuple[str, ...], owner: str, name: str, value: Any) -> list[str]:
+    """Return a list of names; where _OWN is allowed, some may be those of functions."""
+    own = [item for item in value if isinstance(item, str) and ':' in item] if (
+        _OWN in allowed and isinstance(value, list)) else []
+    if not isinstance(value, list) or not value or not all(
+            item in (*allowed, *own) for item in value):
+        raise ScenarioError(
+            f'{name} is {quote(value)}; it must be a list of {", ".join(allowed)}', (name,))
+    with _blaming(name):
+        for scheme in own:
+            load_scheme(scheme)
+    return value
+
+
+def _checked_assessment(owner: str, name: str, value: Any) -> Any:
+    with _blaming(name):
+        arguments(value)
+    return value
+
+
+@contextmanager
+def _blaming(name: str) -> Iterator[None]:
+    """Turn an OptionError into the error of a field of the campaign."""
+    try:
+        yield
+    except OptionError as error:
+        raise ScenarioError(f'{name}: {error}', (name, *error.place)) from None
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Campaign(Checked):
     """A base mission, the fields that vary, and how each mission is planned."""
 
-    mission: dict[str, Any]  # The base mission as plain values.
-    grid: dict[str, list[Any]]  # The values of each field of the grid.
-    laws: dict[str, tuple[str, Any, Any]]  # Of each random field, its law and two numbers.
-    samples: int  # Draws of the random fields.
-    seed: int  # Of the draws; sample k has the same draws at all places of the grid.
-    schemes: list[tuple[str, str]]  # Pairs of a method and an objective.
-    settings: dict[str, Any]  # As for make_task.
+    mission: Scenario = field(metadata=checked_by(_checked_mission))
+    vary: dict[str, list[Any] | Law] | None = field(
+        default=None, metadata=checked_by(_checked_variations))
+    samples: int = field(default=1, metadata=checked_by(WholeNumber(1, MOST_TASKS)))
+    seed: int = field(default=0, metadata=checked_by(WholeNumber(0, 2**53)))
+    methods: list[str] | None = field(
+        default=None, metadata=checked_by(partial(_checked_names, (*METHODS, *BASELINES, _OWN))))
+    objectives: list[str] | None = field(
+        default=None, metadata=checked_by(partial(_checked_names, OBJECTIVES)))
+    time_limit: float | None = field(default=None, metadata=checked_by(_checked_limit, 's'))
+    bound_time_limit: float | None = field(
+        default=None, metadata=checked_by(_checked_limit, 's'))
+    plans: bool = field(default=False, metadata=checked_by(checked_truth))
+    assess: dict[str, Any] | None = field(default=None, metadata=checked_by(_checked_assessment))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        raise_all(self._find_unfit())
+        if not 1 <= self.size <= MOST_TASKS:
+            raise ScenarioError(f'it has {quote(self.size)} missions; it must have 1 to '
+                                f'{MOST_TASKS}')
+
+    def _find_unfit(self) -> Iterator[ScenarioError]:
+        """Yield the errors of fields that do not fit the mission or each other."""
+        names = {name: name.split('.') for name in (*self.grid, *self.laws)}
+        tracks = [parts[:2] for parts in names.values() if parts[2:] == ['track']]
+        for name, parts in names.items():
+            if parts[2:3] in (['position'], ['error_radius']) and any(
+                    owner == parts[0] and (number == parts[1] or '*' in (number, parts[1]))
+                    for owner, number in tracks):
+                yield ScenarioError(f'{name} is decided by a track that varies; vary its knots',
+                                    ('vary', name))
+            elif not _resolve_field(self._base, name):
+                yield ScenarioError(
+                    f'the mission has no field {quote(name)}; name it as duration, '
+                    'uavs.0.max_speed or eavesdroppers.*.error_radius, and vary the knots of a '
+                    'track instead of what it decides', ('vary', name))
+        if not self.schemes:
+            yield ScenarioError(f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}',
+                                ('methods',))
+
+    @cached_property
+    def grid(self) -> dict[str, list[Any]]:
+        """Values of each field that varies by a list or a range."""
+        return {name: values for name, values in (self.vary or {}).items()
+                if isinstance(values, list)}
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Law of each field that is drawn."""
+        return {name: law for name, law in (self.vary or {}).items() if isinstance(law, Law)}
+
+    @cached_property
+    def _base(self) -> dict[str, Any]:
+        """Plain values of the mission, with all fields that vary."""
+        # By JSON tuples become lists, whose members can be replaced.
+        mission: dict[str, Any] = json.loads(json.dumps(self.mission.to_dict()))
+        for name in (*self.grid, *self.laws):
+            owner = name.partition('.')[0]
+            if owner in _LEFT_OUT:
+                mission.setdefault(owner, copy.deepcopy(_LEFT_OUT[owner]))
+            if owner == 'eavesdroppers' and name.endswith('.track'):
+                for eavesdropper in mission[owner]:
+                    eavesdropper.setdefault('track', None)
+        return mission
+
+    @cached_property
+    def schemes(self) -> list[tuple[str, str]]:
+        """
+        Pairs of a method and an objective.
+
+        Baselines and schemes of one's own are compared by the objectives of the methods of solve.
+        """
+        methods = self.methods or METHODS[:1]
+        own: dict[str, list[str]]
+        shared: list[str]
+        if self.objectives is None:
+            own = {method: [check_objective(method)] for method in methods if method in METHODS}
+            shared = list(dict.fromkeys(chain(*own.values()))) or [check_objective(METHODS[0])]
+        else:
+            shared = self.objectives
+            own = {'alternating': [name for name in shared if name == OBJECTIVES[0]]}
+        return [(method, objective) for method in methods
+                for objective in own.get(method, shared)]
 
     @property
     def size(self) -> int:
         """Return the number of missions."""
-        places = math.prod(len(values) for values in self.grid.values())
-        return places * self.samples * len(self.schemes)
+        return math.prod(map(len, self.grid.values())) * self.samples * len(self.schemes)
 
     def tasks(self) -> Iterator[Task]:
-        """Yield a task for each mission and scheme."""
+        """Yield a task for each mission and scheme; sample k has the same draws everywhere."""
+        settings: dict[str, Any] = {
+            'time_limit': self.time_limit, 'bound_time_limit': self.bound_time_limit}
+        # Without plans and assess, tasks have the keys of a campaign that has no such fields.
+        if self.plans:
+            settings['plans'] = True
+        if self.assess is not None:
+            settings['assess'] = self.assess
         for values in product(*self.grid.values()):
             for sample in range(self.samples):
-                fields = {**dict(zip(self.grid, values)), **self._draw_fields(sample)}
-                mission = copy.deepcopy(self.mission)
-                for name, value in fields.items():
-                    for owner, key in _resolve_field(mission, name):
-                        owner[key] = value
-                _leave_out_decided(mission, fields)
+                rng = np.random.default_rng([self.seed, sample])
+                fields = dict(zip(self.grid, values)) | {
+                    name: law.draw(rng) for name, law in self.laws.items()}
+                mission = self._make_mission(fields)
                 for method, objective in self.schemes:
-                    yield make_task(mission, method, objective, self.settings, fields, sample)
+                    yield make_task(mission, method, objective, settings, fields, sample)
 
-    def _draw_fields(self, sample: int) -> dict[str, Any]:
-        rng = np.random.default_rng([self.seed, sample])
-        return {name: np.asarray(getattr(rng, law)(first, second)).tolist()
-                for name, (law, first, second) in self.laws.items()}
+    def _make_mission(self, fields: dict[str, Any]) -> dict[str, Any]:
+        mission = copy.deepcopy(self._base)
+        for name, value in fields.items():
+            for owner, key in _resolve_field(mission, name):
+                owner[key] = value
+                if key == 'track' and value is not None:  # It decides these.
+                    owner.pop('position', None)
+                    owner.pop('error_radius', None)
+        return mission
 
 
 def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaign:
     """
     Return the campaign of a file, YAML, or JSON if its name ends with .json, or of its fields.
 
-    :raises OSError: when the file or its mission cannot be read.
+    :raises OSError: when the file cannot be read.
     :raises MissionFileError: with all problems, each with its line in the file.
     """
     if isinstance(source, Mapping):
         path, document = 'campaign', Document(_make_plain(source), {})
     else:
         path, document = os.fspath(source), read_document(source)
-    problems = [*document.problems]
-
-    @contextmanager
-    def collecting(*place: Any) -> Iterator[None]:
-        try:
-            yield
-        except OptionError as error:
-            problems.append(FileProblem(document.line((*place, *error.place)), str(error)))
-
-    campaign = None
-    with yaml_notation(), collecting():
-        campaign = _parse_campaign(document.data, Path(path).parent, collecting)
-    if campaign is None or problems:
+    data, problems = document.data, [*document.problems]
+    try:
+        with yaml_notation():
+            if isinstance(data, dict) and 'uavs' in data:
+                raise ScenarioError('it is a mission; a campaign names one by its field mission')
+            if isinstance(data, dict) and isinstance(data.get('mission'), str):
+                data['mission'] = str(Path(path).parent / data['mission'])
+            campaign: Campaign = read_object(Campaign, data)
+    except ScenarioError as error:
+        problems += (FileProblem(document.line(item.place), str(item))
+                     for item in (error, *error.further))
+    if problems:
         raise make_file_error(path, problems)
     return campaign
 
@@ -119,221 +300,17 @@ def _make_plain(fields: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(dict(fields), default=convert))
 
 
-def _parse_campaign(data: Any, folder: Path,
-                    collecting: Callable[..., AbstractContextManager[None]]) -> Campaign | None:
-    """
-    Return the Campaign of the data of a file in a folder, or None.
-
-    :param collecting: returns a context that collects an OptionError for a place of the data.
-    """
-    if not isinstance(data, dict):
-        raise OptionError('it must be a mapping with a mission and the fields to vary')
-    if 'uavs' in data:
-        raise OptionError('it is a mission; a campaign names one by its field mission')
-    for name in [name for name in data if name not in _DEFAULTS]:
-        with collecting(name):
-            near = difflib.get_close_matches(str(name), _DEFAULTS, 1)
-            hint = f'did you mean {near[0]}?' if near else f'it has {", ".join(_DEFAULTS)}'
-            raise OptionError(f'a campaign has no field {quote(name)}; {hint}')
-    values = {**_DEFAULTS, **data}
-    wrong = {name: allowed for name, is_valid, allowed in _check_fields(values) if not is_valid}
-    for name, allowed in wrong.items():
-        with collecting(name):
-            raise OptionError(f'{name} is {quote(values[name])}; it must be {allowed}')
-    mission, grid, laws = None, {}, {}
-    with collecting('mission'):
-        mission = _load_mission(values['mission'], folder)
-    for name, value in () if 'vary' in wrong else values['vary'].items():
-        with collecting('vary', name):
-            if mission is not None:
-                _check_tracks(mission, name, values['vary'])
-            variation = _parse_variation(mission, name, value)
-            if isinstance(variation, tuple):
-                laws[name] = variation
-            else:
-                grid[name] = variation
-    if values['assess'] is not None:
-        with collecting('assess'):
-            try:
-                arguments(values['assess'])
-            except OptionError as error:
-                raise OptionError(f'assess: {error}', error.place) from None
-    schemes: list[tuple[str, str]] = []
-    if not {'methods', 'objectives'} & wrong.keys():
-        with collecting('methods'):
-            schemes = _list_schemes(values['methods'], values['objectives'])
-    if mission is None or wrong or not schemes:
-        return None
-    # Without plans and assess, tasks have the keys of a campaign that has no such fields.
-    settings = {name: values[name] for name in (
-        'time_limit', 'bound_time_limit',
-        *(name for name in ('plans', 'assess') if values[name] not in (None, False)))}
-    campaign = Campaign(mission, grid, laws, values['samples'], values['seed'],
-                        schemes, settings)
-    if not 1 <= campaign.size <= MOST_TASKS:
-        raise OptionError(f'it has {quote(campaign.size)} missions; it must have 1 to '
-                          f'{MOST_TASKS}')
-    return campaign
-
-
-def _check_fields(values: dict[str, Any]) -> Iterator[tuple[str, bool, str]]:
-    """Yield the name of each field, whether its value is valid, and the allowed values."""
-    yield 'vary', isinstance(values['vary'], dict), 'a mapping of fields'
-    for name, least in (('samples', 1), ('seed', 0)):
-        value = values[name]
-        yield (name, isinstance(value, int) and not isinstance(value, bool) and value >= least,
-               f'a whole number, at least {least}')
-    for name in ('time_limit', 'bound_time_limit'):
-        value = values[name]
-        yield (name, value is None or isinstance(value, (int, float)) and not isinstance(
-            value, bool) and value > 0, 'above 0 s, or null')
-    yield 'plans', isinstance(values['plans'], bool), 'true or false'
-    methods, objectives = values['methods'], values['objectives']
-    yield ('methods', isinstance(methods, list) and bool(methods) and all(
-        isinstance(name, str) and (name in (*METHODS, *BASELINES) or ':' in name)
-        for name in methods), f'a list of {", ".join((*METHODS, *BASELINES))} and functions of '
-           'your own, module:function')
-    yield ('objectives', objectives is None or isinstance(objectives, list) and bool(
-        objectives) and all(name in OBJECTIVES for name in objectives),
-           f'a list of {", ".join(OBJECTIVES)}')
-
-
-def _load_mission(source: Any, folder: Path) -> dict[str, Any]:
-    """Return the base mission, which is in the campaign itself or in a file beside it."""
-    try:
-        if isinstance(source, str):
-            scenario = Scenario.load(folder / source)
-        elif isinstance(source, dict):
-            scenario = Scenario.from_dict(source)
-        else:
-            raise OptionError(f'mission is {quote(source)}; it must be the name of a mission '
-                              'file, or the fields of a mission')
-    except OSError as error:
-        raise OptionError(f'the mission {folder / source} cannot be read: '
-                          f'{error.strerror or error}') from None
-    except ScenarioError as error:
-        raise OptionError(f'the mission cannot be used: {error}') from None
-    # By JSON tuples become lists, whose members can be replaced.
-    plain: dict[str, Any] = json.loads(json.dumps(scenario.to_dict()))
-    return plain
-
-
-def _check_tracks(mission: dict[str, Any], name: str, names: Iterable[str]) -> None:
-    """Raise an OptionError for a field that the track of a receiver decides; there are names."""
-    owner, *rest = str(name).split('.')
-    if owner == 'ground_node':
-        if isinstance(mission[owner], dict) and rest[:1] != ['track']:
-            raise OptionError(f'{name} is decided by the track of the ground node; vary '
-                              'ground_node.track and its knots')
-    elif owner == 'eavesdroppers' and rest[1:2] in (['position'], ['error_radius']):
-        for number, eavesdropper in enumerate(mission[owner]):
-            track = f'eavesdroppers.{number}.track'
-            if rest[0] in ('*', str(number)) and (eavesdropper.get('track') is not None or any(
-                    f'{varied}.'.startswith((f'{track}.', 'eavesdroppers.*.track.'))
-                    for varied in names)):
-                raise OptionError(f'{name} is decided by the track of eavesdropper {number}; vary '
-                                  f'{track} and its knots')
-
-
-def _leave_out_decided(mission: dict[str, Any], names: Iterable[str]) -> None:
-    """Leave out of a mission what tracks decide that are among the names of varied fields."""
-    for name in names:
-        owner, *rest = name.split('.')
-        if 'track' not in rest[:2]:
-            continue
-        for receiver in mission[owner] if owner == 'eavesdroppers' else [mission[owner]]:
-            if receiver.get('track') is not None:
-                receiver.pop('position', None)
-                receiver.pop('error_radius', None)
-
-
-def _parse_variation(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
-    """Return the values of a field, or a tuple of a law and its two numbers."""
-    if mission is not None:
-        try:
-            if (field := name.partition('.')[0]) in _LEFT_OUT:
-                mission.setdefault(field, copy.deepcopy(_LEFT_OUT[field]))
-            if field == 'eavesdroppers' and name.endswith('.track'):
-                for eavesdropper in mission[field]:
-                    eavesdropper.setdefault('track', None)
-            _resolve_field(mission, name)
-        except LookupError:
-            raise OptionError(
-                f'the mission has no field {quote(name)}; name it as duration, uavs.0.max_speed '
-                'or eavesdroppers.*.error_radius') from None
-    allowed = ('it must be a list of values, {from, to, count}, {uniform: [low, high]} or '
-               '{normal: [mean, deviation]}')
-    if isinstance(value, list) and value:
-        if _is_json(value):
-            return value
-        allowed = 'its numbers must be finite, and null stands for no limit'
-    elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
-        allowed = f'from and to must be numbers, count a whole number from 1 to {MOST_TASKS}'
-        with suppress(TypeError, ValueError), np.errstate(all='ignore'):
-            if 1 <= value['count'] <= MOST_TASKS:
-                steps = np.linspace(value['from'], value['to'], value['count']).tolist()
-                if _is_json(steps):
-                    return steps
-    elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
-        [(law, numbers)] = value.items()
-        allowed = (f'{law} must have two numbers, or two places; they must be finite, and '
-                   f'{LAWS[law]}')
-        with suppress(TypeError, ValueError, OverflowError):
-            first, second = numbers
-            if np.isfinite(getattr(np.random.default_rng(0), law)(first, second)).all():
-                return law, first, second
-    raise OptionError(f'{name} is {quote(value)}; {allowed}')
-
-
-def _list_schemes(methods: list[str], objectives: list[str] | None) -> list[tuple[str, str]]:
-    """
-    Return the pairs of a method and an objective.
-
-    Baselines and schemes of one's own are compared by the objectives of the methods of solve.
-    """
-    for method in methods:
-        if ':' in method:
-            load_scheme(method)
-    if objectives is None:
-        own = {method: [check_objective(method)] for method in methods if method in METHODS}
-        shared = list(dict.fromkeys(chain(*own.values()))) or [check_objective(METHODS[0])]
-    else:
-        own = {'alternating': [name for name in objectives if name == OBJECTIVES[0]]}
-        shared = objectives
-    pairs = [(method, objective) for method in methods for objective in own.get(method, shared)]
-    if not pairs:
-        raise OptionError(
-            f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}')
-    return pairs
-
-
 def _resolve_field(mission: Any, name: str) -> list[tuple[Any, Any]]:
-    """
-    Return the owners and keys of the fields with a dotted name; `*` means all of a list.
-
-    :raises LookupError: when there is no such field.
-    """
+    """Return the owners and keys of the fields with a dotted name; `*` means all of a list."""
     targets: list[tuple[Any, Any]] = [([mission], 0)]
     for part in name.split('.'):
         owners = [owner[key] for owner, key in targets]
         targets = [(owner, key) for owner in owners for key in _match_keys(owner, part)]
-    if not targets:
-        raise LookupError(name)
     return targets
 
 
 def _match_keys(owner: Any, part: str) -> list[Any]:
     """Return the keys of a list or a mapping that a part of a dotted name means."""
     if isinstance(owner, list):
-        keys = list(range(len(owner))) if part == '*' else [int(part)] if part.isdecimal() else []
-        return [key for key in keys if key < len(owner)]
+        return [key for key in range(len(owner)) if part in ('*', str(key))]
     return [part] if isinstance(owner, dict) and part in owner else []
-
-
-def _is_json(values: list[Any]) -> bool:
-    """Return True if JSON can hold the values: all finite numbers."""
-    try:
-        json.dumps(values, allow_nan=False)
-    except ValueError:
-        return False
-    return True

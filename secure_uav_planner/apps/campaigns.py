@@ -63,7 +63,7 @@ def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
         if not is_valid:
             raise OptionError(f'{name} is {quote(value)}; it must be {allowed}', (name,))
     loaded = load_campaign(campaign)
-    if folder is None and loaded.settings.get('plans'):
+    if folder is None and loaded.plans:
         raise OptionError('folder is None; it must be a path, since plans are to be kept')
     with TemporaryDirectory() as temporary:
         place = Path(temporary if folder is None else folder)

@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, is_obstacle,
-    label_position, list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels,
-    receiver_label, shown_discs, style_axes, uav_color)
+    add_legend, altitude_label, eavesdropper_color, GEOFENCE, is_obstacle, label_position,
+    list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, receiver_label,
+    shown_discs, style_axes, uav_color)
 
 LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # In characters.
 LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is linear.
