@@ -83,8 +83,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         with name_missing_package():
             run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
         status = run(options)
         sys.stdout.flush()  # A closed pipe is an error here, not at exit.
         return status
