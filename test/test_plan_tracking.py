@@ -17,7 +17,7 @@ from secure_uav_planner.errors import LateError, SupersededError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import Arrival, PoseBook
+from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import make_request, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
 from sensor_msgs.msg import TimeReference
@@ -108,7 +108,7 @@ def requested_uav(message, now, plan=None, **changes):
     for topic, sent in (
             ('ground_node/pose', pose_message(PoseStamped, 0, 0)), ('uav1/odom', message),
             ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0))):
-        book.take(Arrival(topic, sent, now), DEFAULTS, now)
+        book.take(topic, sent, DEFAULTS, now)
     tracking = PlanTracking(book)
     if plan is not None:
         tracking.add_plan(plan, now)
@@ -276,7 +276,7 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     tracking.add_plan(plan, 1000.0)
     report(tracking, plan, (1009.0, 18.0), (1010.0, 20.0))  # At double speed.
     place = Playback(plan).at(19.0).positions[0].tolist()
-    book.take(Arrival('uav1/odom', odometry(*place, stamp=1009.5), 1009.5), DEFAULTS, 1009.5)
+    book.take('uav1/odom', odometry(*place, stamp=1009.5), DEFAULTS, 1009.5)
     settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 0.0}
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
         assert tracking.flight(now).time == 22.0

@@ -17,13 +17,13 @@ from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at, wait_
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.ros.frames import Frames, transform_message
-from secure_uav_planner.ros.poses import Arrival, error_radius, PoseBook
+from secure_uav_planner.ros.poses import error_radius, PoseBook
 from secure_uav_planner.ros.topics import LATCHED
 
 
 def take(book, topic, message, now=100.0, settings=DEFAULTS):
     """Give a book a message that arrives at a time in s; return its remark."""
-    return book.take(Arrival(topic, message, now), settings, now)
+    return book.take(topic, message, settings, now)
 
 
 def problems(book, now=100.0, **settings):
@@ -138,9 +138,6 @@ def test_what_came_before_the_clock_was_set_back_is_forgotten(timeout):
     assert book.usable_pose('uav1', settings, 100.0) is None
     with pytest.raises(PoseError, match='no pose has come on eavesdropper/pose since the clock'):
         book.check(settings, 100.0)
-    # One that waited in the queue.
-    book.take(Arrival('uav1/odom', odometry(1.0, 600.0), 600.1), settings, 100.1)
-    assert book.usable_pose('uav1', settings, 100.2) is None
     take(book, 'uav1/odom', odometry(2.0, 100.2), 100.3)
     assert book.usable_pose('uav1', settings, 102.3).age(102.3) == pytest.approx(2.1)
 
@@ -170,7 +167,7 @@ def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate
             take(book, 'eavesdropper/odom', message, 101.0)
         with pytest.raises(PoseError, match=reason):
             take(book, 'eavesdropper/pose', estimate(2.0, 101.0, covariance), 101.0)
-    assert book.usable_pose('eavesdropper', DEFAULTS, 101.0, True).position[0] == 1.0
+    assert book.usable_pose('eavesdropper', DEFAULTS, 101.0).position[0] == 1.0
     text = problems(book, 111.0)
     assert 'eavesdropper/odom is 11.0 s old' in text and 'newer ones were refused' in text
     assert 'the last pose on eavesdropper/pose was refused: the covariance of x' in text
@@ -361,8 +358,8 @@ def test_a_transformed_pose_counts_in_its_new_frame_only():
     kept = book.get('uav1/pose')
     np.testing.assert_allclose((*kept.position, kept.height), turn.apply(place) + shift)
     for frame_id, problem in (('map', type(None)), ('odom', WrongFrameError)):
-        settings = {'frame_id': frame_id, 'pose_timeout': 10.0}
-        assert isinstance(book.problem('uav1/pose', settings, 5.0, is_receiver=False), problem)
+        settings = {**DEFAULTS, 'frame_id': frame_id}
+        assert isinstance(book.problem('uav1/pose', settings, 5.0), problem)
 
 
 @pytest.mark.parametrize('broken', [0.0, 1.1, math.nan, math.inf])

@@ -15,7 +15,7 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import Arrival, PoseBook
+from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
 from simulation import plan_of, received, Simulation
@@ -71,7 +71,7 @@ class Bench:
         message = pose_message(kind, x, y)
         if variance:
             set_variance(message.pose.covariance, variance)
-        self.poses.take(Arrival(topic, message, now), DEFAULTS, now)
+        self.poses.take(topic, message, DEFAULTS, now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, variance=0.0, **settings):
         """

@@ -15,7 +15,7 @@ from secure_uav_planner import Plan, Scenario, solve
 from secure_uav_planner.errors import PoseError
 from secure_uav_planner.model import channel
 from secure_uav_planner.ros.messages import markers
-from secure_uav_planner.ros.poses import Arrival, PoseBook
+from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.recording import record
 from simulation import Simulation
 from test_tracks import drive
@@ -173,13 +173,12 @@ def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(cli
     ({'velocity_variance': math.inf}, 'the covariance of the velocity is [[inf, 0.0]')])
 def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(fields, reason):
     book = PoseBook()
-    good, wrong = (Arrival('eavesdropper/odom', odometry_message(
-        x, 0, stamp=stamp_at(100.0), **options), 100.0) for x, options in (
-            (200, {}), (100, fields)))
-    book.take(good, DEFAULTS, 100.0)
+    good, wrong = (odometry_message(x, 0, stamp=stamp_at(100.0), **options)
+                   for x, options in ((200, {}), (100, fields)))
+    book.take('eavesdropper/odom', good, DEFAULTS, 100.0)
     with pytest.raises(PoseError, match=re.escape(reason)):
-        book.take(wrong, DEFAULTS, 100.0)
-    assert book.usable_pose('eavesdropper', DEFAULTS, 100.0, True).position == (200.0, 0.0)
+        book.take('eavesdropper/odom', wrong, DEFAULTS, 100.0)
+    assert book.usable_pose('eavesdropper', DEFAULTS, 100.0).position == (200.0, 0.0)
 
 
 def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):

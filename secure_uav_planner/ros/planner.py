@@ -6,7 +6,6 @@ Solves run in a thread of their own and post their results to it. `~/plan` waits
 group of its own, so that other callbacks run meanwhile.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -23,20 +22,20 @@ from sensor_msgs.msg import TimeReference
 
 from . import messages
 from .frames import Frames, Message
-from .inputs import PoseInputs
 from .parameters import PLANNER, planner_member_parameters
 from .plan_tracking import check_continuation, PlanTracking
-from .poses import Arrival, PoseBook
+from .poses import PoseBook
 from .process import run_node
 from .references import LocalFrames
 from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
 from .settings import (
     check_mission_parameters, check_plan_file, load_plan, save_plan, Settings)
 from .solver import Job, Result, SolverThread
-from .status import level_and_text, log_at, State, status_values, warn_of_namesakes
+from .status import (
+    level_and_text, log_at, State, status_values, warn_of_namesakes, WarningLog)
 from .topics import publishers, serve, subscribe, TOPICS
 from ..bound import explain_refusal
-from ..errors import brief, BusyError, describe_error, PlanningError
+from ..errors import brief, BusyError, describe_error, PlanningError, PoseError
 from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
 from ..plan.plan import Plan
@@ -60,11 +59,10 @@ class Planner(Node):
             self, self._settings, {name: name for name in self._uavs},
             lambda *_: self._publish_status())
         self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
-        self._inputs = PoseInputs(self._poses, self.get_logger())
+        self._refusals = WarningLog(self.get_logger())  # Of poses.
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
-        self._posted: deque[Callable[[], None]] = deque()  # For the state thread.
         self._solver = SolverThread(self._post, self._publish_status)
         self._answer: Future | None = None  # To the request that waits.
         self._checked = Future()  # Done at the next check.
@@ -82,7 +80,6 @@ class Planner(Node):
 
     def _make_interface(self) -> None:
         group = self.default_callback_group
-        self._wake = self.create_guard_condition(self._run_queued)
         self._outputs = publishers(self, TOPICS['planner', 'pub'], self._uavs)
         # A second ~/plan is answered while the first waits.
         serve(self, {'~/plan': self._on_plan}, ReentrantCallbackGroup())
@@ -113,22 +110,24 @@ class Planner(Node):
     def _post(self, function: Callable[[], None]) -> None:
         """Have a function run in the state thread; from any thread."""
         if not self._closed:
-            self._posted.append(function)
-            self._wake.trigger()
+            self.executor.create_task(function)
 
     def _on_pose(self, topic: str, message: Message) -> None:
-        self._inputs.put(Arrival(topic, message, self._now()))
+        is_first = self._poses.get(topic) is None
+        try:
+            remark = self._poses.take(topic, message, self._settings.snapshot(), self._now())
+        except PoseError as error:
+            self._refusals.warn(topic, f'{topic}: {brief(error)}; it is not used')
+            return
+        self._refusals.clear(topic)
+        if remark:
+            self.get_logger().warning(remark)
+        if is_first:
+            self._publish_status()
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
         self._poses.follow_clock(self._now())
         self._tracking.add_report(message, self._now())
-
-    def _run_queued(self) -> None:
-        """Use the queued poses, then run the queued functions."""
-        if self._inputs.take_all(self._settings.snapshot(), self._now()):
-            self._publish_status()
-        while self._posted and not self._closed:
-            self._posted.popleft()()
 
     # Planning on request
 
@@ -143,7 +142,6 @@ class Planner(Node):
             while time.monotonic() < self._discovery_deadline and not (
                     self._tracking.has_rate or answer.done()):
                 await self._checked
-            self._run_queued()
             if not answer.done():
                 self._plan()
             return await answer
@@ -225,7 +223,6 @@ class Planner(Node):
         return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
-        self._run_queued()  # It cancels an earlier request in the queue, too.
         if not self._solver.is_solving:
             return False, 'no solve is under way'
         self._solver.job.stop.set()
@@ -241,10 +238,8 @@ class Planner(Node):
     # Replanning
 
     def _on_check(self) -> None:
-        settings = self._settings.snapshot()
-        self._poses.follow_clock(self._now())
-        self._run_queued()
-        now = self._now()
+        settings, now = self._settings.snapshot(), self._now()
+        self._poses.follow_clock(now)
         self._checked.set_result(None)
         self._checked = Future()
         self._tracking.observe(settings, now)
@@ -386,7 +381,6 @@ class Planner(Node):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        self._run_queued()
         now, status = self._now(), self._status_message()
         if self._tracking.flight(now) is not None:
             self._outputs['~/status'].publish(status)

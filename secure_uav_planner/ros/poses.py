@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -36,19 +36,7 @@ _LEAST_JUMP = 0.1  # s by which a clock that was set back is earlier than before
 # Successive poses outside the disc by which an eavesdropper has left it. Of standing ones that
 # were measured with noise at 5 Hz for 300 s, 41% were outside once, 0.5% three times in a row.
 _OUTSIDE = 3
-
-
-class Arrival(NamedTuple):
-    """A message with a pose that has arrived on a topic, at a time in s."""
-
-    topic: str
-    message: Message
-    time: float
-
-    @property
-    def name(self) -> str:
-        """Name of the member of the mission whose pose it is."""
-        return self.topic.partition('/')[0]
+_LEAST_COMPARED = 0.1  # s between these.
 
 
 @dataclass(frozen=True)
@@ -92,6 +80,7 @@ class _Disc:
     position: Point
     radius: float  # m
     outside: int = 0  # Successive poses whose discs do not meet it.
+    compared: float = -math.inf  # When the last pose was compared with it, in s.
 
 
 class PoseBook:
@@ -117,35 +106,28 @@ class PoseBook:
         self._movers: set[str] = set()  # Eavesdroppers that have been said to move.
         self._latest, self._was_set_back = -math.inf, False  # The clock.
 
-    def take(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> str:
+    def take(self, topic: str, message: Message, settings: Mapping[str, Any], now: float) -> str:
         """
-        Parse a pose and keep it, unless a newer one has just come.
+        Parse a pose that has come on a topic, and keep it, unless a newer one has just come.
 
         :return: a remark for the user, or an empty string.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         self.follow_clock(now)
-        if arrival.time > now + _LEAST_JUMP:
-            return ''  # It came before the clock was set back.
+        name = topic.partition('/')[0]
         try:
-            pose = self._parse(arrival, settings, now)
+            if message.header.frame_id != settings['frame_id']:
+                message = self._transform(message, settings['frame_id'])
+            pose = read_pose(message, settings, now, name not in settings['uavs'])
+            if name in settings['uavs']:
+                x, y, height = self._to_mission(name, (*pose.position, pose.height))
+                pose = replace(pose, position=(x, y), height=height)
         except PoseError as error:
-            self._refusals[arrival.topic] = error
+            self._refusals[topic] = error
             raise
-        self._refusals.pop(arrival.topic, None)
-        self._keep(arrival.topic, pose)
-        return self._note_motion(arrival, settings, now)
-
-    def _parse(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> KnownPose:
-        """Return the pose of a message in the frame of the planner, or raise a PoseError."""
-        if arrival.message.header.frame_id != settings['frame_id']:
-            arrival = arrival._replace(
-                message=self._transform(arrival.message, settings['frame_id']))
-        pose = read_pose(arrival, settings, now)
-        if arrival.name not in settings['uavs']:
-            return pose
-        x, y, height = self._to_mission(arrival.name, (*pose.position, pose.height))
-        return replace(pose, position=(x, y), height=height)
+        self._refusals.pop(topic, None)
+        self._keep(topic, pose)
+        return self._note_motion(topic, name, settings, now)
 
     def follow_clock(self, now: float) -> None:
         """Note the time; forget all poses if the clock has been set back."""
@@ -179,18 +161,19 @@ class PoseBook:
         before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
-    def _note_motion(self, arrival: Arrival, settings: Mapping[str, Any], now: float) -> str:
+    def _note_motion(self, topic: str, name: str, settings: Mapping[str, Any], now: float) -> str:
         """Return advice, once, about an eavesdropper that counts as standing and moves."""
-        topic, name = arrival.topic, arrival.name
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
         if (name not in settings['eavesdroppers'] or topic != pose_topic
                 or name in self._movers or settings[f'{name}.max_speed']
-                or self.usable_pose(name, settings, now, True) is not pose):
+                or self.usable_pose(name, settings, now) is not pose):
             return ''
         radius = pose.radius(name, settings)
         disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
-        distance = math.dist(pose.position, disc.position)
+        if now - disc.compared < _LEAST_COMPARED:
+            return ''
+        distance, disc.compared = math.dist(pose.position, disc.position), now
         disc.outside = disc.outside + 1 if distance > disc.radius + radius else 0
         if disc.outside < _OUTSIDE:
             return ''
@@ -203,12 +186,12 @@ class PoseBook:
         """Return the last valid pose of the topic, or None."""
         return self._poses.get(topic)
 
-    def usable_pose(self, name: str, settings: Mapping[str, Any], now: float,
-                    is_receiver: bool = False) -> KnownPose | None:
+    def usable_pose(self, name: str, settings: Mapping[str, Any], now: float
+                    ) -> KnownPose | None:
         """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""
         self.follow_clock(now)
         odometry, pose = (
-            None if self.problem(topic, settings, now, is_receiver) else self._poses.get(topic)
+            None if self.problem(topic, settings, now) else self._poses.get(topic)
             for topic in member_topics(name))
         if odometry is None or pose is None:
             return odometry or pose
@@ -225,33 +208,30 @@ class PoseBook:
         """Return an error for each topic whose pose cannot be used for planning."""
         problems = []
         for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
-            if name not in settings['tracks'] and (
-                    self.usable_pose(name, settings, now, True) is None):
-                problems += self._reasons(name, settings, now, True)
+            if name not in settings['tracks'] and self.usable_pose(name, settings, now) is None:
+                problems += self._reasons(name, settings, now)
         for name in settings['uavs'] if with_uavs else ():
             if settings[f'{name}.use_pose'] and self.usable_pose(name, settings, now) is None:
                 problems += [type(problem)(
                     f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
                     f'{name}.start')
-                    for problem in self._reasons(name, settings, now, False)[:1]]
+                    for problem in self._reasons(name, settings, now)[:1]]
         return problems
 
-    def _reasons(self, name: str, settings: Mapping[str, Any], now: float, is_receiver: bool
-                 ) -> list[PoseError]:
+    def _reasons(self, name: str, settings: Mapping[str, Any], now: float) -> list[PoseError]:
         """Return the problems of a member's topics with messages, or else of that of its pose."""
         topics = member_topics(name)
         heard = [topic for topic in topics if topic in self._poses or topic in self._refusals]
-        problems = (self.problem(topic, settings, now, is_receiver)
-                    for topic in heard or topics[1:])
+        problems = (self.problem(topic, settings, now) for topic in heard or topics[1:])
         return [problem for problem in problems if problem is not None]
 
-    def problem(self, topic: str, settings: Mapping[str, Any], now: float, is_receiver: bool
-                ) -> PoseError | None:
+    def problem(self, topic: str, settings: Mapping[str, Any], now: float) -> PoseError | None:
         """
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
-        :param is_receiver: a receiver needs a pose, on the ground; a UAV does not.
+        A receiver needs a pose, on the ground; a UAV does not.
         """
+        is_receiver = topic.partition('/')[0] not in settings['uavs']
         frame_id, timeout = settings['frame_id'], settings['pose_timeout']
         pose, refusal = self._poses.get(topic), self._refusals.get(topic)
         if refusal is not None and (pose is None or pose.frame_id != frame_id):
@@ -280,15 +260,16 @@ class PoseBook:
         return None
 
 
-def read_pose(arrival: Arrival, settings: Mapping[str, Any], now: float) -> KnownPose:
+def read_pose(message: Message, settings: Mapping[str, Any], now: float, is_receiver: bool
+              ) -> KnownPose:
     """
-    Return the pose in a message, with the covariances of a receiver.
+    Return the pose in a message that arrives now, with the covariances of a receiver.
 
-    A pose without a stamp was measured when it arrived.
+    A pose without a stamp is measured when it arrives.
 
     :raises PoseError: if it cannot be used.
     """
-    message, header = arrival.message, arrival.message.header
+    header = message.header
     pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
     _check_range(pose.position, 'position', COORDINATE)
     for axis in 'xyzw':
@@ -298,7 +279,7 @@ def read_pose(arrival: Arrival, settings: Mapping[str, Any], now: float) -> Know
     covariance = velocity = velocity_covariance = None
     if isinstance(message, Odometry):
         velocity = _velocity(message)
-        if arrival.name not in settings['uavs']:
+        if is_receiver:
             velocity_covariance = _velocity_covariance(message)
             if math.hypot(*velocity) > MAX_SPEED:
                 raise PoseError(f'twist.linear is {math.hypot(*velocity):g} m/s; it must be at '
@@ -306,7 +287,7 @@ def read_pose(arrival: Arrival, settings: Mapping[str, Any], now: float) -> Know
     if isinstance(message, PoseWithCovarianceStamped) or velocity_covariance is not None:
         covariance = _horizontal_covariance(message.pose.covariance, 'x and y')
     # Without rclpy's Time, which raises an error for times before 1970.
-    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or arrival.time
+    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
     place = pose.position
     read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,
                      velocity, velocity_covariance)

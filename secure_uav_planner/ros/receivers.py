@@ -65,7 +65,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     moving, scheduled = [], set()
     for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
         is_node, track = name in settings['ground_nodes'], settings['tracks'].get(name)
-        pose = poses.usable_pose(name, settings, now, True)
+        pose = poses.usable_pose(name, settings, now)
         position = radius = LEFT_OUT
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'

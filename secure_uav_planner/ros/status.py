@@ -1,5 +1,6 @@
 """The status that the planner reports: a level and a text for diagnostics, and values by key."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
 
 _LONGEST_REASON = 4000
+_MOST_WARNINGS = 5  # About a subject, until it is cleared.
 
 STATUS_KEYS = {
     'state': '`idle` or `solving`',
@@ -167,6 +169,24 @@ def warn_of_namesakes(node: Node) -> str:
     count = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
     return '' if count <= 1 else (
         f'{count} nodes are named {node.get_fully_qualified_name()}; stop the others')
+
+
+class WarningLog:
+    """Logs each warning about a subject once, and few of them, until it is cleared."""
+
+    def __init__(self, log: RcutilsLogger) -> None:
+        self._log, self._logged = log, defaultdict[str, set[str]](set)
+
+    def warn(self, subject: str, text: str) -> None:
+        """Log a warning, unless it has been."""
+        logged = self._logged[subject]
+        if text not in logged and len(logged) < _MOST_WARNINGS:
+            logged.add(text)
+            self._log.warning(text)
+
+    def clear(self, subject: str) -> None:
+        """Log warnings about a subject again."""
+        self._logged[subject].clear()
 
 
 def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
