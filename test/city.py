@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, ground_node_parameters, PLANNER, uav_parameters, zone_parameters)
+    PLANNER, PLANNER_MEMBERS, read_member_specs)
 from secure_uav_planner.ros.settings import load_mission
 
 FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
@@ -19,15 +19,7 @@ WAIT = {'courier': 8, 'escort1': 24, 'escort2': 12}  # How long each waits at it
 def values():
     """Return all values of the planner's parameters, checked."""
     given = load_mission(FILE)
-    specs = dict(PLANNER)
-    for index, name in enumerate(given['uavs']):
-        specs.update(uav_parameters(name, index))
-    for name in given['ground_nodes']:
-        specs.update(ground_node_parameters(name))
-    for name in given['eavesdroppers']:
-        specs.update(eavesdropper_parameters(name))
-    for name in given['no_fly_zones']:
-        specs.update(zone_parameters(name))
+    specs = {**PLANNER, **read_member_specs(given, PLANNER_MEMBERS)}
     return {**{name: spec.default for name, spec in specs.items()},
             **{name: specs[name].convert(name, value) for name, value in given.items()
                if name in specs}}

@@ -27,18 +27,15 @@ from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.time import Time
 from secure_uav_planner.ros.client import make_clients, SecurePlanner
-from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, ground_node_parameters, PLANNER, uav_parameters)
+from secure_uav_planner.ros.parameters import PLANNER, PLANNER_MEMBERS, read_member_specs
 from secure_uav_planner.ros.process import run_node, spin
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
-DEFAULTS = {name: spec.default for specs in (
-    PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
-    ground_node_parameters('ground_node'), eavesdropper_parameters('eavesdropper'))
-    for name, spec in specs.items()} | {
-        'tracks': {}}
+DEFAULTS = {name: spec.default for name, spec in PLANNER.items()} | {'tracks': {}}
+DEFAULTS |= {name: spec.default
+             for name, spec in read_member_specs(DEFAULTS, PLANNER_MEMBERS).items()}
 PATIENCE = 120.0
 RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 from ros_client import flat
-from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, ground_node_parameters, PLANNER, REPLAY, uav_parameters)
+from secure_uav_planner.ros.parameters import PLANNER, read_specs, REPLAY
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -15,16 +14,16 @@ CONFIG = Path(__file__).resolve().parents[1] / 'config'
 def test_the_papers_parameters_are_the_defaults(node):
     written = yaml.safe_load((CONFIG / 'paper.yaml').read_text())
     values = dict(flat(written[f'/**/{node}']['ros__parameters']))
-    specs = {'planner': {**PLANNER, **uav_parameters('uav1', 0), **uav_parameters('uav2', 1),
-                         **eavesdropper_parameters('eavesdropper')}, 'replay': REPLAY}[node]
+    specs = {'planner': {**PLANNER, **read_specs('uav', 'uav1'), **read_specs('uav', 'uav2', 1),
+                         **read_specs('eavesdropper', 'eavesdropper')}, 'replay': REPLAY}[node]
     assert values
     for name, value in values.items():
         assert specs[name].convert(name, value) == specs[name].default, name
 
 
 def test_every_parameter_has_a_description_and_says_what_it_allows():
-    for specs in (PLANNER, REPLAY, uav_parameters('a', 0), ground_node_parameters('g'),
-                  eavesdropper_parameters('e')):
+    for specs in (PLANNER, REPLAY, read_specs('uav', 'a'), read_specs('ground_node', 'g'),
+                  read_specs('eavesdropper', 'e')):
         for name, spec in specs.items():
             assert spec.description.endswith('.'), name
             assert spec.allowed in spec.descriptor().additional_constraints

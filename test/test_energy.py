@@ -15,7 +15,7 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
+from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, read_specs
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.settings import mission_values, uav_from
 from secure_uav_planner.ros.status import State, status_values
@@ -107,7 +107,8 @@ def test_the_nodes_accept_a_propulsion_from_a_mission_and_by_parameters(plan):
     scenario = replace(scenario, uavs=(scenario.uavs[0], replace(
         scenario.uavs[1], propulsion=None)))
     for number, uav in enumerate(scenario.uavs):
-        defaults = {name: spec.default for name, spec in uav_parameters(uav.name, number).items()}
+        defaults = {name: spec.default
+                    for name, spec in read_specs('uav', uav.name, number).items()}
         assert uav_from(defaults, uav.name).propulsion is None
         assert uav_from({**defaults, **mission_values(scenario)}, uav.name) == uav
 

@@ -22,7 +22,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from ros_client import Client, memory_settles, node_process, output_of, pose_message, wait_for
-from secure_uav_planner.ros.parameters import PLANNER, uav_parameters
+from secure_uav_planner.ros.parameters import PLANNER, read_specs
 from secure_uav_planner.ros.topics import TOPICS
 from std_msgs.msg import Header
 
@@ -62,7 +62,7 @@ for name in UAVS:
                  f'{name}.altitude': st.floats(1, 1e4), f'{name}.max_speed': st.floats(0.1, 100),
                  f'{name}.average_power': st.floats(1e-3, 4),
                  f'{name}.peak_power': st.floats(1e-3, 100)})
-NAMES = [*PLANNER, *NEAR, *uav_parameters('uav3', 2), 'use_sim_time', 'nobody', '']
+NAMES = [*PLANNER, *NEAR, *read_specs('uav', 'uav3', 2), 'use_sim_time', 'nobody', '']
 ACTIONS = st.one_of(
     *[st.tuples(st.just('burst'), st.lists(POSES, min_size=5, max_size=30))] * 2,
     *[st.tuples(st.just('set'), parameter_sets(NEAR, NAMES), st.booleans())] * 2,

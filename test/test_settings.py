@@ -20,8 +20,7 @@ from secure_uav_planner.mission.scenario import MAX_MEMBERS, MAX_ZONES
 from secure_uav_planner.mission.tracks import MAX_SPEED
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, SCENARIO_FIELDS, Spec,
-    uav_parameters, zone_parameters)
+    PLANNER, read_specs, RELAY, REPLAY, SCENARIO_FIELDS, Spec)
 from secure_uav_planner.ros.settings import (
     airspace_from, load_mission, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
@@ -74,9 +73,10 @@ def edges(spec):
 
 
 def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_time(node):
-    specs = [*PLANNER.items(), *uav_parameters('uav1', 0).items(), *REPLAY.items(), *RELAY.items(),
-             *eavesdropper_parameters('eve').items(), *zone_parameters('zone').items(),
-             *relay_parameters('uav1', 0).items()]
+    specs = [*PLANNER.items(), *REPLAY.items(), *RELAY.items()]
+    for section, name in (('uav', 'uav1'), ('eavesdropper', 'eve'), ('no_fly_zone', 'zone'),
+                          ('relay_uav', 'uav1')):
+        specs += read_specs(section, name).items()
     judged = Counter()
     for name, spec in specs:
         if name == 'mission_file' or spec.read_only:
@@ -119,8 +119,8 @@ def test_choices_and_lengths_in_the_table_of_parameters_are_those_of_the_package
             REPLAY['uavs'].length[1], RELAY['vehicles'].length[1]} == {MAX_MEMBERS}
     assert PLANNER['no_fly_zones'].length == (0, MAX_ZONES)
     assert PLANNER['geofence'].length[1] == 2 * MAX_VERTICES
-    assert zone_parameters('zone')['zone.vertices'].length[1] == 2 * MAX_VERTICES
-    assert eavesdropper_parameters('eve')['eve.max_speed'].limits[1] == MAX_SPEED
+    assert read_specs('no_fly_zone', 'zone')['zone.vertices'].length[1] == 2 * MAX_VERTICES
+    assert read_specs('eavesdropper', 'eve')['eve.max_speed'].limits[1] == MAX_SPEED
 
 
 def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):

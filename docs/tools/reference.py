@@ -11,8 +11,7 @@ from typing import NamedTuple
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, ground_node_parameters, PLANNER, RELAY, relay_parameters, REPLAY,
-    Spec, uav_parameters, zone_parameters)
+    PLANNER, read_specs, RELAY, REPLAY, Spec)
 from secure_uav_planner.ros.status import STATUS_KEYS
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
@@ -53,10 +52,11 @@ def interfaces() -> list[Interface]:
 
 def specs() -> dict[str, dict[str, Spec]]:
     """Return the Spec of each parameter of each node by name; `<uav>` stands for any UAV."""
-    members = {**uav_parameters('<uav>', 0), **ground_node_parameters('<ground_node>'),
-               **eavesdropper_parameters('<eavesdropper>'), **zone_parameters('<zone>')}
+    members = {**read_specs('uav', '<uav>'), **read_specs('ground_node', '<ground_node>'),
+               **read_specs('eavesdropper', '<eavesdropper>'),
+               **read_specs('no_fly_zone', '<zone>')}
     return {'planner': {**PLANNER, **members}, 'replay': REPLAY,
-            'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
+            'relay': {**RELAY, **read_specs('relay_uav', '<uav>')}}
 
 
 def markdown() -> dict[str, str]:
@@ -101,7 +101,7 @@ def describe_qos(qos: QoSProfile) -> str:
 
 
 def _default(name: str, spec: Spec) -> str:
-    jammer = uav_parameters('<uav>', 1).get(name, spec)
+    jammer = read_specs('uav', '<uav>', 1).get(name, spec)
     return f'`{spec.default!r}`' + (
         '' if jammer.default == spec.default else f', of the others `{jammer.default!r}`')
 

@@ -50,18 +50,18 @@ class Assembly:
 
         :raises PlanError: if it cannot be read.
         """
-        name, _, kind = topic.partition('/')
-        read = read_schedule if topic == SCHEDULE else _UAV_READERS[kind]
+        read = read_schedule if topic == SCHEDULE else _UAV_READERS[topic.partition('/')[2]]
         content, kept = read(message), self._messages[topic]
-        key = content.key
-        kept.pop(key, None)
-        kept[key] = content
+        kept.pop(content.key, None)
+        kept[content.key] = content
         if len(kept) > _MOST_KEPT:
             del kept[next(iter(kept))]
-        for identity in self._plans_with(name, kind, key):
-            contents = {topic: content for name in self._names
-                        for topic, content in self._collect(name, identity).items()}
-            self.missing = [topic for topic, content in contents.items() if content is None]
+        for identity in {key: None for name in self._names
+                         for key in ('', *self._messages[f'{name}/power'])}:
+            contents = self._collect(identity)
+            if not any(part is content for part in contents.values()):
+                continue
+            self.missing = [topic for topic, part in contents.items() if part is None]
             # A plan may be published again.
             if not self.missing and (not identity or identity != self._assembled):
                 self._identity, self._contents = identity, contents
@@ -92,36 +92,30 @@ class Assembly:
                 del kept[key]
         return plan, self._contents[f'{self._names[0]}/path'].frame
 
-    def _plans_with(self, name: str, kind: str, key: str) -> list[str]:
-        """Return the identities of the plans that a message belongs to, '' for one without."""
-        if kind == 'power':
-            return [key]
-        is_schedule = f'{name}/{kind}' == SCHEDULE
-        powers = self._messages[f'{self._names[0] if is_schedule else name}/power'].values()
-        return [power.key for power in powers if getattr(power, kind) == key] or (
-            [] if is_schedule else [''])
-
-    def _collect(self, name: str, identity: str) -> dict[str, Any]:
-        """Return the messages of a UAV in a plan by topic, None for a missing one."""
-        powers, paths, trajectories = (
-            self._messages[f'{name}/{kind}'] for kind in ('power', 'path', 'trajectory'))
-        power = powers.get(identity)
-        if identity:
-            return {f'{name}/power': None} if power is None else {
-                f'{name}/path': paths.get(power.path), f'{name}/power': power,
-                f'{name}/trajectory': trajectories.get(power.trajectory),
-                **({SCHEDULE: self._messages[SCHEDULE].get(power.schedule)}
-                   if power.schedule else {})}
-        named = {digest for content in powers.values()
-                 for digest in (content.path, content.trajectory)}
-        path, trajectory = (next((kept[key] for key in reversed(kept) if key not in named), None)
-                            for kept in (paths, trajectories))
-        if None in (path, trajectory) or trajectory.stamp_ns != path.stamp_ns:
-            trajectory = None
-        contents = {f'{name}/path': path, f'{name}/power': power,
-                    f'{name}/trajectory': trajectory}
-        if trajectory is None and not self._expects(f'{name}/trajectory'):
-            del contents[f'{name}/trajectory']
+    def _collect(self, identity: str) -> dict[str, Any]:
+        """Return the messages of a plan by topic, None for a missing one; '' names no plan."""
+        contents: dict[str, Any] = {}
+        for name in self._names:
+            powers, paths, trajectories = (
+                self._messages[f'{name}/{kind}'] for kind in ('power', 'path', 'trajectory'))
+            power = powers.get(identity)
+            contents[f'{name}/power'] = power
+            if not identity:
+                named = {digest for content in powers.values()
+                         for digest in (content.path, content.trajectory)}
+                path, trajectory = (
+                    next((kept[key] for key in reversed(kept) if key not in named), None)
+                    for kept in (paths, trajectories))
+                if None in (path, trajectory) or trajectory.stamp_ns != path.stamp_ns:
+                    trajectory = None
+                contents[f'{name}/path'] = path
+                if trajectory is not None or self._expects(f'{name}/trajectory'):
+                    contents[f'{name}/trajectory'] = trajectory
+            elif power is not None:
+                contents[f'{name}/path'] = paths.get(power.path)
+                contents[f'{name}/trajectory'] = trajectories.get(power.trajectory)
+                if power.schedule:
+                    contents[SCHEDULE] = self._messages[SCHEDULE].get(power.schedule)
         return contents
 
 
@@ -141,12 +135,12 @@ def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mappin
     places, watts = np.array([path.places for path in paths.values()]), np.array(powers)
     _check_values(names, places, watts)
     positions = places[..., :2]
-    motions = {}
-    for name in names:
-        trajectory = contents.get(f'{name}/trajectory')
-        if trajectory is not None:
-            _check_trajectory(name, trajectory, paths[name])
-            motions |= {} if trajectory.motion is None else {name: trajectory.motion}
+    trajectories = {name: part for name in names
+                    if (part := contents.get(f'{name}/trajectory')) is not None}
+    for name, trajectory in trajectories.items():
+        _check_trajectory(name, trajectory, paths[name])
+    motions = {name: trajectory.motion for name, trajectory in trajectories.items()
+               if trajectory.motion is not None}
     absent = [name for name in names if name not in motions]
     if motions and absent:
         raise PlanError(

@@ -31,7 +31,7 @@ from .cdr import digest
 from ..errors import brief, OptionError, ParameterError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, offset_polygon, Vertices
-from ..mission.scenario import Scenario
+from ..mission.scenario import Array, Scenario
 from ..output.autopilots import ReferenceSource, rotation, Setpoint, Stack, Vector
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, label_position, list_tracks, MARGIN, NO_FLY_ZONE, node_color,
@@ -67,7 +67,7 @@ def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> T
 def read_plan_time(message: TimeReference) -> tuple[str, str]:
     """Return the identity of the plan, and the name of the follower, in a report of plan_time."""
     identity, _, follower = message.source.partition(' ')
-    return identity, follower or message.header.frame_id  # Where it was before.
+    return identity, follower
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
@@ -114,16 +114,12 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
     the plan, the digests of the UAV's path and trajectory and, with several ground nodes, that of
     the schedule.
     """
-    message = Float64MultiArray(data=array.array('d', plan.powers[uav].tobytes()))
     slots, start_ns, motion = plan.scenario.slots, plan.start_ns or 0, plan.curve.at(plan.times)
     path, trajectory = (digest(start_ns, *(line[uav] for line in lines)) for lines in (
         [plan.positions], [motion.positions, motion.velocities, motion.accelerations]))
     names = [plan.identity, path, trajectory] + (
         [digest(0, plan.shares)] if len(plan.shares) > 1 else [])
-    message.layout.dim = [
-        MultiArrayDimension(label='slot', size=slots, stride=slots),
-        MultiArrayDimension(label=' '.join(names), size=1, stride=1)]
-    return message
+    return _multi_array(plan.powers[uav], ('slot', slots, slots), (' '.join(names), 1, 1))
 
 
 def schedule(plan: Plan) -> Float64MultiArray:
@@ -133,11 +129,16 @@ def schedule(plan: Plan) -> Float64MultiArray:
     The label of its third dimension, of size 1, is the identity of the plan, and the nodes' names.
     """
     nodes, slots = plan.shares.shape
-    message = Float64MultiArray(data=array.array('d', plan.shares.tobytes()))
-    message.layout.dim = [
-        MultiArrayDimension(label=label, size=size, stride=stride) for label, size, stride in (
-            ('ground_node', nodes, nodes * slots), ('slot', slots, slots),
-            (' '.join([plan.identity, *plan.scenario.ground_node_names]), 1, 1))]
+    names = [plan.identity, *plan.scenario.ground_node_names]
+    return _multi_array(plan.shares, ('ground_node', nodes, nodes * slots),
+                        ('slot', slots, slots), (' '.join(names), 1, 1))
+
+
+def _multi_array(values: Array, *dimensions: tuple[str, int, int]) -> Float64MultiArray:
+    """Return a message with values, and with labels, sizes and strides of its dimensions."""
+    message = Float64MultiArray(data=array.array('d', values.tobytes()))
+    message.layout.dim = [MultiArrayDimension(label=label, size=size, stride=stride)
+                          for label, size, stride in dimensions]
     return message
 
 

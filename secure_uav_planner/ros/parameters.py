@@ -126,13 +126,14 @@ def _check_name(value: Any) -> str:
     return value
 
 
-def _read_specs(section: str, prefix: str = '', index: int = 0) -> dict[str, Spec]:
+def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec]:
     """
     Return the Spec of each parameter of a section of the table by its name.
 
-    :param prefix: of the names, such as 'uav1.'.
+    :param member: the UAV, receiver or zone whose parameters they are, if they are one's.
     :param index: of the UAV of the paper, or the last one, whose values are the defaults.
     """
+    prefix = f'{member}.' if member else ''
     owners = {'Scenario': _PAPER, 'Channel': _PAPER.channel, 'Propulsion': Propulsion(),
               'Eavesdropper': _PAPER.eavesdroppers[0], 'GroundNode': _PAPER.ground_nodes[0],
               'Origin': Origin(0.0, 0.0),
@@ -175,53 +176,30 @@ EMPTY_VALUES = {'geofence': [], 'los': NO_LOS, 'ceiling': 0.0, **{
     for section in _TABLE.values() for row in section.values() if 'none' in row}}
 """Values of the parameters of mission fields that are None or infinite, by field."""
 
-PLANNER, REPLAY, RELAY = (_read_specs(node) for node in ('planner', 'replay', 'relay'))
+PLANNER, REPLAY, RELAY = (read_specs(node) for node in ('planner', 'replay', 'relay'))
 """Parameters of the nodes that do not belong to one UAV, receiver or zone."""
+
+PLANNER_MEMBERS = {'uavs': 'uav', 'ground_nodes': 'ground_node', 'eavesdroppers': 'eavesdropper',
+                   'no_fly_zones': 'no_fly_zone'}
+RELAY_MEMBERS = {'uavs': 'relay_uav'}
+"""Sections of the table for the members of the nodes, by the parameters that list their names."""
 
 LONGEST_FRAME = PLANNER['frame_id'].length[1]
 """The most characters of a frame_id; a path carries it once for every point."""
 
 
-def uav_parameters(name: str, index: int) -> dict[str, Spec]:
-    """Return the parameters of one UAV by name; the paper's values are the defaults."""
-    return _read_specs('uav', f'{name}.', index)
+def read_member_specs(values: Mapping[str, Any], sections: Mapping[str, str]) -> dict[str, Spec]:
+    """
+    Return the Spec of each parameter of all members by its name.
 
-
-def ground_node_parameters(name: str) -> dict[str, Spec]:
-    """Return the parameters of one ground node by name."""
-    return _read_specs('ground_node', f'{name}.')
-
-
-def eavesdropper_parameters(name: str) -> dict[str, Spec]:
-    """Return the parameters of one eavesdropper by name."""
-    return _read_specs('eavesdropper', f'{name}.')
-
-
-def zone_parameters(name: str) -> dict[str, Spec]:
-    """Return the parameters of one no-fly zone by name."""
-    return _read_specs('no_fly_zone', f'{name}.')
-
-
-def planner_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
-    """Return the planner's parameters of the UAVs, receivers and zones that values name."""
-    uavs, nodes, eavesdroppers, zones = lists = [
-        values[kind] for kind in ('uavs', 'ground_nodes', 'eavesdroppers', 'no_fly_zones')]
-    names = [name for members in lists for name in members]
+    :param values: of the parameters that list the names of members.
+    :param sections: of the table by these parameters, such as PLANNER_MEMBERS.
+    :raises ParameterError: for names that are not unique.
+    """
+    names = [name for kind in sections for name in values[kind]]
     if len(set(names)) < len(names):
-        raise ParameterError('parameters uavs, ground_nodes, eavesdroppers and no_fly_zones give '
-                             f'the names {names}; they must be unique')
-    members = [*(uav_parameters(name, index) for index, name in enumerate(uavs)),
-               *map(ground_node_parameters, nodes), *map(eavesdropper_parameters, eavesdroppers),
-               *map(zone_parameters, zones)]
-    return {name: spec for specs in members for name, spec in specs.items()}
-
-
-def relay_parameters(name: str, index: int) -> dict[str, Spec]:
-    """Return the parameters of the relay for one UAV by name."""
-    return _read_specs('relay_uav', f'{name}.', index)
-
-
-def relay_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
-    """Return the relay's parameters of the UAVs that values name."""
-    return {name: spec for index, uav in enumerate(values['uavs'])
-            for name, spec in relay_parameters(uav, index).items()}
+        raise ParameterError(f'parameters {", ".join(sections)} give the names {names}; they must '
+                             'be unique')
+    return {key: spec for kind, section in sections.items()
+            for index, name in enumerate(values[kind])
+            for key, spec in read_specs(section, name, index).items()}

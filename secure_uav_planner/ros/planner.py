@@ -22,7 +22,7 @@ from sensor_msgs.msg import TimeReference
 
 from . import messages
 from .frames import Frames, Message
-from .parameters import PLANNER, planner_member_parameters
+from .parameters import PLANNER, PLANNER_MEMBERS
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
@@ -51,8 +51,7 @@ class Planner(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', **options)
-        self._settings = Settings(
-            self, PLANNER, check_mission_parameters, planner_member_parameters)
+        self._settings = Settings(self, PLANNER, check_mission_parameters, PLANNER_MEMBERS)
         check_plan_file(self._settings.snapshot())
         self._uavs = self._settings['uavs']
         self._local_frames = LocalFrames(

@@ -15,7 +15,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits
 from .messages import diagnostic_status, fill_message, import_messages, read_setpoint
-from .parameters import RELAY, relay_member_parameters
+from .parameters import RELAY, RELAY_MEMBERS
 from .process import run_node
 from .references import LocalFrames
 from .settings import check_references, Settings
@@ -33,7 +33,7 @@ class Relay(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('relay', **options)
-        self._settings = Settings(self, RELAY, _check, relay_member_parameters)
+        self._settings = Settings(self, RELAY, _check, RELAY_MEMBERS)
         uavs = self._settings['uavs']
         self._stack = STACKS[self._settings['stack']]
         names = [*(f'{self._stack.package}/{kind}' for kind in self._stack.topics),
@@ -200,9 +200,8 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
 
 def _check(values: Mapping[str, Any]) -> None:
     vehicles, uavs = values['vehicles'], values['uavs']
-    for name in ('uavs', 'vehicles'):
-        if len(set(values[name])) < len(values[name]):
-            raise ParameterError(f'{name} is {quote(values[name])}; the names must be unique')
+    if len(set(vehicles)) < len(vehicles):
+        raise ParameterError(f'vehicles is {quote(vehicles)}; the names must be unique')
     if vehicles and len(vehicles) != len(uavs):
         raise ParameterError(f'vehicles is {quote(vehicles)}; it must be empty or have a name for '
                              f'each of uavs, which is {quote(uavs)}')

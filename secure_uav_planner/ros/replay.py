@@ -19,6 +19,7 @@ from .assembly import Assembly
 from .parameters import REPLAY
 from .process import run_node
 from .settings import channel_from, points_from, Settings
+from .status import WarningLog
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, quote
 from ..mission.scenario import Eavesdropper, GroundNode, Point
@@ -27,7 +28,6 @@ from ..plan.playback import Moment
 from ..plan.player import Player, Point3
 from ..plan.tracking import PUNCTUAL
 
-_MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s
 _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
@@ -45,10 +45,9 @@ class _Reception:
     """
 
     def __init__(self, assembly: Assembly, log: RcutilsLogger) -> None:
-        self._assembly, self._log, self.is_awaited = assembly, log, False
+        self._assembly, self._warnings, self.is_awaited = assembly, WarningLog(log), False
         self._arrived = 0.0  # The last message, by time.monotonic.
         self._refusal = ''  # Of the last messages.
-        self._logged: set[str] = set()  # Reasons, until a plan is valid.
 
     @property
     def problem(self) -> str:
@@ -78,7 +77,7 @@ class _Reception:
             self._refuse(brief(error))
             return None
         self._refusal = ''
-        self._logged.clear()
+        self._warnings.clear('plan')
         return received
 
     def check_rest(self) -> None:
@@ -88,10 +87,8 @@ class _Reception:
 
     def _refuse(self, reason: str) -> None:
         self._refusal = reason
-        if reason not in self._logged and len(self._logged) < _MOST_WARNINGS:
-            self._logged.add(reason)
-            self._log.warning(f'the plan of the topics is not used: {reason}' + (
-                '; ~/start waits for another one' if self.is_awaited else ''))
+        self._warnings.warn('plan', f'the plan of the topics is not used: {reason}' + (
+            '; ~/start waits for another one' if self.is_awaited else ''))
 
 
 class _Release(NamedTuple):

@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 
 from .parameters import (
     EMPTY_VALUES, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE,
-    PROPULSION_FIELDS, Spec, UAV_FIELDS)
+    PROPULSION_FIELDS, read_member_specs, Spec, UAV_FIELDS)
 from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
 from ..mission import Objective
 from ..mission.geography import Origin
@@ -40,21 +40,20 @@ class Settings:
     :param specs: a Spec for each parameter name.
     :param check: called with all values by name; it raises a PlanningError for a wrong
         combination.
-    :param member_parameters: returns the specs of the members that the values of `specs` name.
+    :param sections: as in read_member_specs, for the members that the values of `specs` name.
     :raises ParameterError: for a wrong value at the start; the text names the parameter.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, Spec],
-                 check: Callable[[dict[str, Any]], None],
-                 member_parameters: Callable[[dict[str, Any]], dict[str, Spec]] = (
-                     lambda values: {})) -> None:
+                 check: Callable[[dict[str, Any]], None], sections: Mapping[str, str] = {}
+                 ) -> None:
         self._specs: dict[str, Spec] = {}
         self._check = check
         self._values: dict[str, Any] = {'tracks': {}}  # By receiver, of the mission file.
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
-        self._declare(member_parameters(self._values))
+        self._declare(read_member_specs(self._values, sections))
         check(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
