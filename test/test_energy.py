@@ -15,7 +15,7 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, read_specs
+from secure_uav_planner.ros.parameters import list_values, read_specs
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.settings import mission_values, uav_from
 from secure_uav_planner.ros.status import State, status_values
@@ -102,7 +102,7 @@ def test_an_empty_block_in_a_file_means_the_defaults():
 
 
 def test_the_nodes_accept_a_propulsion_from_a_mission_and_by_parameters(plan):
-    assert list(PROPULSION_FIELDS) == [field.name for field in fields(Propulsion)]
+    assert len(list_values('uav', Propulsion())) == len(fields(Propulsion))
     scenario = add_propulsion(plan.scenario, tip_speed=150.0)
     scenario = replace(scenario, uavs=(scenario.uavs[0], replace(
         scenario.uavs[1], propulsion=None)))

@@ -20,7 +20,7 @@ from secure_uav_planner.mission.scenario import MAX_MEMBERS, MAX_ZONES
 from secure_uav_planner.mission.tracks import MAX_SPEED
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
-    PLANNER, read_specs, RELAY, REPLAY, SCENARIO_FIELDS, Spec)
+    PLANNER, read_fields, read_specs, RELAY, REPLAY, Spec)
 from secure_uav_planner.ros.settings import (
     airspace_from, load_mission, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
@@ -151,8 +151,8 @@ def test_the_defaults_are_those_of_the_papers_mission():
 def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
     values = {name: spec.default for name, spec in PLANNER.items()} | mission_values(scenario)
     assert tuple(uav_from(values, name) for name in values['uavs']) == scenario.uavs
-    for field, value in {**airspace_from(values), **{
-            field: values[field] for field in SCENARIO_FIELDS}}.items():
+    for field, value in {
+            **airspace_from(values), **read_fields('planner', Scenario, values)}.items():
         assert value == getattr(scenario, field)
     assert [values[f'{name}.error_radius'] for name in values['eavesdroppers']] == [
         eve.error_radius for eve in scenario.eavesdroppers]

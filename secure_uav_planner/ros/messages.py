@@ -172,14 +172,12 @@ def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[flo
     point, transform = MultiDOFJointTrajectoryPoint(), Transform()
     _set_pose(transform.translation, transform.rotation, *place, yaw)
     point.transforms = [transform]
-    point.velocities = [horizontal_twist(velocity)]
-    point.accelerations = [horizontal_twist(acceleration)]
+    point.velocities, point.accelerations = [_twist(velocity)], [_twist(acceleration)]
     point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(seconds * 1e9), 10**9)
     return point
 
 
-def horizontal_twist(vector: Sequence[float]) -> Twist:
-    """Return a Twist whose linear part is a horizontal vector."""
+def _twist(vector: Sequence[float]) -> Twist:
     twist = Twist()
     twist.linear.x, twist.linear.y = float(vector[0]), float(vector[1])
     return twist
@@ -310,11 +308,7 @@ def plan_messages(plan: Plan, frame_id: str, time: float = 0.0) -> Iterator[tupl
 
 
 def serialize_plan(plan: Plan, frame_id: str, time: float = 0.0) -> dict[str, bytes]:
-    """
-    Evaluate a plan and return its messages by topic; it takes seconds for 20,000 slots.
-
-    :param time: as for markers.
-    """
+    """Evaluate a plan and return its messages by topic; it takes seconds for 20,000 slots."""
     plan.evaluate()
     return {topic: serialize_message(message)
             for topic, message in plan_messages(plan, frame_id, time)}
@@ -369,22 +363,18 @@ def _airspace(scenario: Scenario) -> list[Marker]:
 
 def _edges(vertices: Vertices, floor: float, top: float) -> list[Vector]:
     """Return the edges of a prism as pairs of points."""
-    return [place for (x, y), (to_x, to_y) in _sides(vertices) for place in (
+    return [place for (x, y), (to_x, to_y) in pairwise([*vertices, vertices[0]]) for place in (
         (x, y, floor), (to_x, to_y, floor), (x, y, top), (to_x, to_y, top),
         (x, y, floor), (x, y, top))]
 
 
 def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Vector]:
     """Return the walls and the top of a prism as triangles, three points each."""
-    walls = [place for (x, y), (to_x, to_y) in _sides(zone.vertices) for place in (
-        (x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
-        (x, y, floor), (to_x, to_y, top), (x, y, top))]
+    walls = [place for (x, y), (to_x, to_y) in pairwise([*zone.vertices, zone.vertices[0]])
+             for place in ((x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
+                           (x, y, floor), (to_x, to_y, top), (x, y, top))]
     return walls + [(*corner, top) for part in convex_parts(zone.vertices)
                     for pair in pairwise(part[1:]) for corner in (part[0], *pair)]
-
-
-def _sides(vertices: Vertices) -> Iterator[tuple[Any, Any]]:
-    return zip(vertices, vertices[1:] + vertices[:1], strict=True)
 
 
 def _marker(namespace: str, index: int, kind: int, color: str, scale: Vector,
@@ -403,6 +393,5 @@ def _vector(kind: type, numbers: Vector) -> Any:
 
 
 def _label(index: int, text: str, place: Vector, color: str) -> Marker:
-    x, y, z = place
     return _marker('label', index, Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, 20.0),
-                   (x, y, z + 20.0), text=text)
+                   (*place[:2], place[2] + 20.0), text=text)

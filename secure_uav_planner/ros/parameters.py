@@ -1,6 +1,6 @@
 """The nodes' parameters: the table of parameters.yaml, and what their values may be."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -156,25 +156,34 @@ def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
     elif isinstance(check, Pair):
         values |= {'limits': (COORDINATE.low, COORDINATE.high),
                    'length': (2 if none is None else 0, 2)}
-    values['default'] = none if default is None else (
-        list(default) if isinstance(default, tuple) else default)
-    return Spec(**values)
+    return Spec(_to_value(default, none), **values)
 
 
-def _list_fields(section: str, kind: str) -> tuple[str, ...]:
-    """Return the names of the fields of a class that are parameters in a section."""
-    fields = (row['field'].split('.') for row in _TABLE[section].values() if 'field' in row)
-    return tuple(name for owner, name in fields if owner == kind)
+def _to_value(field: Any, none: Any) -> Any:
+    """Return the value of a parameter for that of a field."""
+    return none if field is None else list(field) if isinstance(field, tuple) else field
 
 
-SCENARIO_FIELDS = _list_fields('planner', 'Scenario')
-UAV_FIELDS = _list_fields('uav', 'Uav')
-PROPULSION_FIELDS = _list_fields('uav', 'Propulsion')
+def _list_fields(section: str, kind: type) -> Iterator[tuple[str, str, Any]]:
+    """Yield parameter, field, and what stands for None, of the fields of a class in a section."""
+    for name, row in _TABLE[section].items():
+        owner, _, field = row.get('field', '').partition('.')
+        if owner == kind.__name__:
+            yield name, field, row.get('none')
 
-EMPTY_VALUES = {'geofence': [], 'los': NO_LOS, 'ceiling': 0.0, **{
-    row['field'].partition('.')[2]: row['none']
-    for section in _TABLE.values() for row in section.values() if 'none' in row}}
-"""Values of the parameters of mission fields that are None or infinite, by field."""
+
+def read_fields(section: str, kind: type, values: Mapping[str, Any], prefix: str = ''
+                ) -> dict[str, Any]:
+    """Return the fields of a class that are parameters in a section, from their values."""
+    return {field: None if values[prefix + name] == none else values[prefix + name]
+            for name, field, none in _list_fields(section, kind)}
+
+
+def list_values(section: str, item: Any, prefix: str = '') -> dict[str, Any]:
+    """Return the values of the parameters in a section that are fields of an object, by name."""
+    return {prefix + name: _to_value(getattr(item, field), none)
+            for name, field, none in _list_fields(section, type(item))}
+
 
 PLANNER, REPLAY, RELAY = (read_specs(node) for node in ('planner', 'replay', 'relay'))
 """Parameters of the nodes that do not belong to one UAV, receiver or zone."""

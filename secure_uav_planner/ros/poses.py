@@ -61,11 +61,6 @@ class KnownPose:
         """Age in s at a time in s; PoseBook forgets a pose when the clock is set back."""
         return max(0.0, now - self.time)
 
-    def is_overtaken_by(self, last: 'KnownPose') -> bool:
-        """Return True if a pose that came before, by the same clock, was measured later."""
-        return self.time < last.time and (
-            0.0 <= self.received - last.received < _KEPT_BEFORE_OLDER)
-
     def radius(self, name: str, settings: Mapping[str, Any]) -> float:
         """Error radius of an eavesdropper's estimate in m; by the parameter without covariance."""
         if self.covariance is None or not self.covariance.any():
@@ -143,7 +138,8 @@ class PoseBook:
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Places in another frame.
             self._discs.pop(topic, None)
-        elif last is not None and pose.is_overtaken_by(last):
+        elif last is not None and pose.time < last.time and (
+                0.0 <= pose.received - last.received < _KEPT_BEFORE_OLDER):
             return
         if pose.velocity is None and pose.covariance is None:
             pose = replace(
@@ -278,12 +274,7 @@ def read_pose(message: Message, settings: Mapping[str, Any], now: float, is_rece
             raise PoseError(f'orientation.{axis} is {quote(value)}; it must be finite')
     covariance = velocity = velocity_covariance = None
     if isinstance(message, Odometry):
-        velocity = _velocity(message)
-        if is_receiver:
-            velocity_covariance = _velocity_covariance(message)
-            if math.hypot(*velocity) > MAX_SPEED:
-                raise PoseError(f'twist.linear is {math.hypot(*velocity):g} m/s; it must be at '
-                                f'most {MAX_SPEED:g} m/s')
+        velocity, velocity_covariance = _read_velocity(message, is_receiver)
     if isinstance(message, PoseWithCovarianceStamped) or velocity_covariance is not None:
         covariance = _horizontal_covariance(message.pose.covariance, 'x and y')
     # Without rclpy's Time, which raises an error for times before 1970.
@@ -335,26 +326,25 @@ def _check_range(vector: Any, name: str, allowed: Number) -> None:
                             f'{most:g} {unit}')
 
 
-def _velocity(message: Odometry) -> Point:
-    """Return the horizontal velocity of an Odometry in the frame of its header, in m/s."""
-    speed = message.twist.twist.linear
+def _read_velocity(message: Odometry, is_receiver: bool) -> tuple[Point, Array | None]:
+    """Return the velocity in the frame of the header in m/s, with the covariance of a receiver."""
+    speed, covariance = message.twist.twist.linear, message.twist.covariance
     _check_range(speed, 'twist.linear', find_range(Uav, 'max_speed'))
+    velocity, facing, turn = (speed.x, speed.y), message.pose.pose.orientation, None
     # REP-105 and nav_msgs: a twist is in the child frame, whatever that is.
-    if message.child_frame_id == message.header.frame_id:
-        return (speed.x, speed.y)
-    turn = message.pose.pose.orientation
-    x, y, _ = rotation((turn.x, turn.y, turn.z, turn.w)).apply((speed.x, speed.y, speed.z))
-    return (float(x), float(y))
-
-
-def _velocity_covariance(message: Odometry) -> Array:
-    """Return the covariance of the horizontal velocity in the frame of the header, (2, 2)."""
-    covariance = message.twist.covariance
     if message.child_frame_id != message.header.frame_id:
-        turn = message.pose.pose.orientation
+        turn = rotation((facing.x, facing.y, facing.z, facing.w))
+        x, y, _ = turn.apply((speed.x, speed.y, speed.z)).tolist()
+        velocity = (x, y)
+    if not is_receiver:
+        return velocity, None
+    if math.hypot(*velocity) > MAX_SPEED:
+        raise PoseError(f'twist.linear is {math.hypot(*velocity):g} m/s; it must be at most '
+                        f'{MAX_SPEED:g} m/s')
+    if turn is not None:
         with np.errstate(all='ignore'):  # What is not finite is refused.
-            covariance = turn_covariance(covariance, rotation((turn.x, turn.y, turn.z, turn.w)))
-    return _horizontal_covariance(covariance, 'the velocity')
+            covariance = turn_covariance(covariance, turn)
+    return velocity, _horizontal_covariance(covariance, 'the velocity')
 
 
 def _horizontal_covariance(values: Any, name: str) -> Array:

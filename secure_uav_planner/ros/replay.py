@@ -1,11 +1,11 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 import math
 import os
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
 from nav_msgs.msg import Odometry
@@ -91,13 +91,6 @@ class _Reception:
             '; ~/start waits for another one' if self.is_awaited else ''))
 
 
-class _Release(NamedTuple):
-    """The time in ns of the last release of a plan, and what its first setpoint waits for."""
-
-    time_ns: int = 0
-    unmet: Sequence[str] = ()
-
-
 class Replay(Node):
     """Replays the plan of the topics, or a saved plan; see docs/replay.md."""
 
@@ -108,7 +101,8 @@ class Replay(Node):
         self._frame_id = self._settings['frame_id']
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')))
-        self._release, self._ticked = _Release(), time.monotonic()
+        self._ticked = time.monotonic()
+        self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
         self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
@@ -217,12 +211,11 @@ class Replay(Node):
         """Release the plan; return its next state in words."""
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start()
-        self._release = _Release(now)
-        if not player.streaming:
-            self._release = _Release(now, self._unmet_conditions(now))
+        self._released_ns = now
+        self._unmet = [] if player.streaming else self._unmet_conditions(now)
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
             player.flight.time <= player.playback.begin) else 0.0
-        follows = [f'waits for {condition}' for condition in self._release.unmet] + (
+        follows = [f'waits for {condition}' for condition in self._unmet] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
         if ahead < -PUNCTUAL:
             follows.append(f'playing {-ahead:.1f} s late, which ends what is promised of '
@@ -268,7 +261,7 @@ class Replay(Node):
                 self._update_unmet(self._unmet_conditions(now))
         was_playing = player.playing
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
-                             is_ready=not self._release.unmet, longest=longest)
+                             is_ready=not self._unmet, longest=longest)
         if playback is not None:
             self._outputs['plan_time'].publish(messages.plan_time(
                 player.playback.plan, player.flight.time, clock.to_msg(), self._follower))
@@ -289,7 +282,7 @@ class Replay(Node):
             [None if isinstance(place, str) else place for place in places],
             settings['start_tolerance'], settings['speed'])
         # Simulated UAVs may fly without a subscriber each, after a while.
-        if is_simulated and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
+        if is_simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
             return unmet
         return unmet + [f'a subscriber of the setpoints of {name}'
                         for name in self._uavs
@@ -297,13 +290,13 @@ class Replay(Node):
                             f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
                             f'{name}/odom') if topic in self._outputs)]
 
-    def _update_unmet(self, unmet: Sequence[str]) -> None:
+    def _update_unmet(self, unmet: list[str]) -> None:
         """Note the conditions, and log them if they are of another kind than before."""
-        def kinds(unmet: Sequence[str]) -> list[str]:
+        def kinds(unmet: list[str]) -> list[str]:
             return [condition.partition(',')[0] for condition in unmet]  # Without the distance.
-        if unmet and kinds(unmet) != kinds(self._release.unmet):
+        if unmet and kinds(unmet) != kinds(self._unmet):
             self.get_logger().info(brief(f'waiting for {", ".join(unmet)}'))
-        self._release = self._release._replace(unmet=unmet)
+        self._unmet = unmet
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         for topic, message in messages.setpoint_messages(

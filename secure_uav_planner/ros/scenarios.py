@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
-from .parameters import SCENARIO_FIELDS
+from .parameters import read_fields
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
@@ -148,8 +148,7 @@ def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mappi
               ) -> Scenario:
     return Scenario(
         uavs=tuple(uavs), channel=channel_from(settings), origin=origin_from(settings),
-        **receivers, **airspace_from(settings),
-        **{field: settings[field] for field in SCENARIO_FIELDS})
+        **receivers, **airspace_from(settings), **read_fields('planner', Scenario, settings))
 
 
 def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,

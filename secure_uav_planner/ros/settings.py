@@ -1,21 +1,19 @@
 """A node's settings: its parameters as declared, read from a mission, and turned into one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import difflib
 import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
-    EMPTY_VALUES, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE,
-    PROPULSION_FIELDS, read_member_specs, Spec, UAV_FIELDS)
+    list_values, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE, read_fields,
+    read_member_specs, Spec)
 from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
 from ..mission import Objective
 from ..mission.geography import Origin
@@ -185,26 +183,23 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     """Return the Uav of the parameter values."""
-    fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
-    for field in ('max_acceleration', 'start_velocity', 'goal_velocity', 'max_energy'):
-        fields[field] = fields[field] or None
+    fields = read_fields('uav', Uav, values, f'{name}.')
     if values[f'{name}.propulsion.model'] != NO_PROPULSION or fields['max_energy']:
-        fields['propulsion'] = Propulsion(**{
-            field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
+        fields['propulsion'] = Propulsion(**read_fields('uav', Propulsion, values, f'{name}.'))
     return Uav(name, **fields)
 
 
 def channel_from(values: Mapping[str, Any]) -> Channel:
     """Return the Channel of the parameter values."""
+    fields = read_fields('planner', Channel, values)
     los, numbers = values['channel.los'], values['channel.los_numbers']
     if numbers and los != NO_LOS:
         raise ParameterError(
             f'channel.los_numbers is {quote(numbers)}; it must be empty where channel.los is '
             f'{los}')
-    outage, fading = values['channel.outage'] or None, values['channel.rician_k_db']
-    return Channel(values['channel.exponent'], numbers or (None if los == NO_LOS else los),
-                   values['channel.cautious'],
-                   None if outage is None or math.isinf(fading) else fading, outage)
+    if fields['outage'] is None:
+        fields['rician_k_db'] = None
+    return Channel(los=numbers or (None if los == NO_LOS else los), **fields)
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -221,8 +216,7 @@ def origin_from(values: Mapping[str, Any]) -> Origin | None:
     """Return the Origin of the parameter values, or None if there is none."""
     if values['origin.projection'] == NO_ORIGIN:
         return None
-    return Origin(*(values[f'origin.{field}'] for field in (
-        'latitude', 'longitude', 'projection')))
+    return Origin(projection=values['origin.projection'], **read_fields('planner', Origin, values))
 
 
 def points_from(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
@@ -249,41 +243,38 @@ def load_mission(file: str) -> dict[str, Any]:
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
     """Return the values of a mission by parameter, and its tracks by receiver."""
-    data = asdict(mission)
-    if mission.origin is None:
-        del data['origin']
-    else:
-        del data['origin']['altitude']  # Which only files of zones need, which have been read.
-    data['ground_node'] = sum((node['position'] for node in data['ground_nodes']), ())
-    tracks = {name: receiver.pop('track') for name, receiver in zip(
-        (*mission.ground_node_names, *mission.eavesdropper_names),
-        (*data['ground_nodes'], *data['eavesdroppers']), strict=True)}
-    names = {'uavs': [uav.name for uav in mission.uavs],
-             'ground_nodes': list(mission.ground_node_names),
-             'eavesdroppers': list(mission.eavesdropper_names),
-             'no_fly_zones': [name.replace(' ', '_') for name in mission.zone_names]}
-    members = {kind: data.pop(kind) for kind in names}
-    values = names | dict(_flatten(data)) | {
-        'channel.los_numbers': [],
-        'tracks': {name: track for name, track in tracks.items() if track is not None}}
-    for kind, fields in members.items():
-        for name, member in zip(names[kind], fields, strict=True):
-            values |= _flatten(member, f'{name}.')
-    if not isinstance(values['channel.los'], str):
-        values |= {'channel.los': NO_LOS, 'channel.los_numbers': values['channel.los']}
-    for uav in mission.uavs:
+    uavs, channel, origin = mission.uavs, mission.channel, mission.origin
+    nodes = dict(zip(mission.ground_node_names, mission.ground_nodes, strict=True))
+    eavesdroppers = dict(zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True))
+    zones = {name.replace(' ', '_'): zone
+             for name, zone in zip(mission.zone_names, mission.no_fly_zones, strict=True)}
+    is_named = isinstance(channel.los, str)
+    values = list_values('planner', mission) | list_values('planner', channel) | {
+        'uavs': [uav.name for uav in uavs], 'ground_nodes': [*nodes],
+        'eavesdroppers': [*eavesdroppers], 'no_fly_zones': [*zones],
+        'ground_node': _flatten(node.position for node in nodes.values()),
+        'geofence': _flatten(mission.geofence or ()),
+        'channel.los': channel.los if is_named else NO_LOS,
+        'channel.los_numbers': [] if is_named else [*(channel.los or ())],
+        'tracks': {name: receiver.track for name, receiver in (nodes | eavesdroppers).items()
+                   if receiver.track is not None}}
+    if origin is not None:
+        values |= list_values('planner', origin) | {'origin.projection': origin.projection}
+    for uav in uavs:
+        values |= list_values('uav', uav, f'{uav.name}.')
         values[f'{uav.name}.propulsion.model'] = (
             'rotary_wing' if uav.propulsion else NO_PROPULSION)
+        if uav.propulsion:
+            values |= list_values('uav', uav.propulsion, f'{uav.name}.')
+    for section, members in (('ground_node', nodes), ('eavesdropper', eavesdroppers)):
+        for name, member in members.items():
+            values |= list_values(section, member, f'{name}.')
+    for name, zone in zones.items():
+        values |= {f'{name}.vertices': _flatten(zone.vertices), f'{name}.floor': zone.floor,
+                   f'{name}.ceiling': 0.0 if zone.ceiling == math.inf else zone.ceiling}
     return values
 
 
-def _flatten(data: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested mappings by parameter name, with nested tuples as flat lists."""
-    for field, value in data.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f'{prefix}{field}.')
-        elif value in (None, math.inf):
-            yield f'{prefix}{field}', EMPTY_VALUES.get(field)
-        else:
-            yield f'{prefix}{field}', (
-                np.ravel(value).tolist() if isinstance(value, tuple) else value)
+def _flatten(points: Iterable[Point]) -> list[float]:
+    """Return points as x1, y1, x2, y2, ..."""
+    return [coordinate for point in points for coordinate in point]
