@@ -6,7 +6,7 @@ Only the reports of a follower on `plan_time` say that a plan is flown.
 
 from collections.abc import Mapping
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import TimeReference
@@ -24,21 +24,6 @@ _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s
 _ROUNDING = 1e-6  # s
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
-
-
-class _UnknownFlight(NamedTuple):
-    """
-    The last report about a plan that this planner does not have.
-
-    :ivar time: of the report, in s.
-    :ivar plan_ns: the time of the plan.
-    :ivar is_flying: whether that has advanced since the report before.
-    """
-
-    identity: str
-    time: float
-    plan_ns: int
-    is_flying: bool
 
 
 class _Promise:
@@ -80,7 +65,7 @@ class PlanTracking:
     def forget_reports(self) -> None:
         """Forget the reports of followers: after a jump of the clock they are of another time."""
         self._reports: FollowerReports | None = None
-        self._unknown: _UnknownFlight | None = None
+        self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
         self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
         self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
 
@@ -115,10 +100,9 @@ class PlanTracking:
         identity, follower = read_plan_time(message)
         last = self._reports
         if identity not in self._plans:
-            before = self._unknown
-            self._unknown = _UnknownFlight(
-                identity, clock * 1e-9, plan, before is not None and (
-                    before.identity == identity and plan > before.plan_ns))
+            if self._unknown is None or self._unknown.identity != identity:
+                self._unknown = FollowerReports(follower, identity, 0.0)
+            self._unknown.add(clock, plan)
             return
         if last and follower != last.follower and abs(clock - last.last_ns) <= SILENCE * 1e9 and (
                 self._is_under_way(last.identity, last.plan_ns)
@@ -211,11 +195,12 @@ class PlanTracking:
     def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan in flight that is not of this planner, or None."""
         unknown = self._unknown
-        return unknown.identity if unknown and 0 <= now - unknown.time <= SILENCE else None
+        return unknown.identity if unknown and (
+            0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
 
     def check_known(self, now: float) -> None:
         """Raise a SupersededError while a follower flies a plan that this planner lacks."""
-        if self.unknown_plan(now) is not None and self._unknown.is_flying:
+        if self.unknown_plan(now) is not None and self._unknown.at(round(now * 1e9), 0)[1] > 0:
             raise SupersededError(
                 f'a follower flies plan {self._unknown.identity}, which this planner does not '
                 'have; end that flight first, as by ~/pause and ~/reset of the replay')

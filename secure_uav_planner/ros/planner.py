@@ -318,10 +318,8 @@ class Planner(Node):
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
-        if count:
-            self._state.count(count, 'restored: ' if is_restored else '')
         now = self._now()
-        self._state.keep(plan)
+        self._state.keep(plan, count, 'restored: ' if is_restored else '')
         self._local_frames.moves.clear()
         self._tracking.add_plan(plan, now, clock, begin)
         self._replanning.end(now, begin)

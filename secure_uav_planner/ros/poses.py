@@ -76,6 +76,7 @@ class _Disc:
     radius: float  # m
     outside: int = 0  # Successive poses whose discs do not meet it.
     compared: float = -math.inf  # When the last pose was compared with it, in s.
+    is_left: bool = False  # Which has been said.
 
 
 class PoseBook:
@@ -98,7 +99,6 @@ class PoseBook:
         self._refusals: dict[str, PoseError] = {}  # Since the last valid pose of the topic.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._discs: dict[str, _Disc] = {}
-        self._movers: set[str] = set()  # Eavesdroppers that have been said to move.
         self._latest, self._was_set_back = -math.inf, False  # The clock.
 
     def take(self, topic: str, message: Message, settings: Mapping[str, Any], now: float) -> str:
@@ -162,18 +162,18 @@ class PoseBook:
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
         if (name not in settings['eavesdroppers'] or topic != pose_topic
-                or name in self._movers or settings[f'{name}.max_speed']
+                or settings[f'{name}.max_speed']
                 or self.usable_pose(name, settings, now) is not pose):
             return ''
         radius = pose.radius(name, settings)
         disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
-        if now - disc.compared < _LEAST_COMPARED:
+        if disc.is_left or now - disc.compared < _LEAST_COMPARED:
             return ''
         distance, disc.compared = math.dist(pose.position, disc.position), now
         disc.outside = disc.outside + 1 if distance > disc.radius + radius else 0
-        if disc.outside < _OUTSIDE:
+        disc.is_left = disc.outside >= _OUTSIDE
+        if not disc.is_left:
             return ''
-        self._movers.add(name)
         return (f'{name} has left its disc, it is {distance:.0f} m from where it was at first, '
                 'and counts as standing: rates are promised for a receiver that stays; publish '
                 f'its odometry on {odometry} or set {name}.max_speed')
@@ -193,10 +193,9 @@ class PoseBook:
             return odometry or pose
         return odometry if pose.time <= odometry.time + _ODOMETRY_LAG else pose
 
-    def check(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True) -> None:
+    def check(self, settings: Mapping[str, Any], now: float) -> None:
         """Raise an error of the class of the first problem, with the text of all, if any."""
-        problems = self.problems(settings, now, with_uavs)
-        if problems:
+        if problems := self.problems(settings, now):
             raise type(problems[0])('; '.join(map(str, problems)))
 
     def problems(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True

@@ -55,7 +55,14 @@ class Relay(Node):
                   uavs)
         vehicles = dict(zip(uavs, self._settings['vehicles'] or uavs, strict=True))
         for name, vehicle in vehicles.items():
-            self._connect(name, vehicle)
+            self._outputs[name] = {kind: self.create_publisher(
+                self._kinds[kind], f'{vehicle}/{topic}', STREAM,
+                qos_overriding_options=OVERRIDABLE)
+                for kind, topic in self._stack.topics.items()}
+            for kind, topic in self._stack.states.items():
+                self.create_subscription(
+                    self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
+                    SENSOR, qos_overriding_options=OVERRIDABLE)
         self._frames = LocalFrames(self, self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
@@ -70,15 +77,6 @@ class Relay(Node):
     def close(self) -> bool:
         """Return True: no thread is left running."""
         return True
-
-    def _connect(self, name: str, vehicle: str) -> None:
-        self._outputs[name] = {kind: self.create_publisher(
-            self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
-            for kind, topic in self._stack.topics.items()}
-        for kind, topic in self._stack.states.items():
-            self.create_subscription(
-                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
-                SENSOR, qos_overriding_options=OVERRIDABLE)
 
     @property
     def _now(self) -> int:

@@ -295,10 +295,13 @@ class Replanning:
                     plan.scenario, self._update(flight, settings, now)[0],
                     max(flight.time, self._counts_from), distance):
                 return 'receivers'
+        most = settings['replan_deviation']
         # A UAV has the lead to come back.
-        is_deviating = flight.state == 'flying' and not is_recent and (
-            self._deviates(settings, now))
-        return 'deviation' if is_deviating else ''
+        if most and flight.state == 'flying' and not is_recent and any(
+                distance > most and settings[f'{name}.use_pose']
+                for name, distance in self._tracking.distances(settings, now).items()):
+            return 'deviation'
+        return ''
 
     def begin(self, reason: str, settings: Mapping[str, Any], now: float) -> Remainder:
         """
@@ -336,10 +339,3 @@ class Replanning:
             settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
             flight.playback.duration)
         return replace(flight.playback.plan.scenario, **receivers.fields), receivers
-
-    def _deviates(self, settings: Mapping[str, Any], now: float) -> bool:
-        """Return True if a UAV is too far from its plan."""
-        most = settings['replan_deviation']
-        return bool(most) and any(
-            distance > most and settings[f'{name}.use_pose']
-            for name, distance in self._tracking.distances(settings, now).items())

@@ -101,14 +101,12 @@ class State:
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
                               self.prefix + plan_summary(plan, self.bound))
 
-    def count(self, kind: str, prefix: str) -> None:
-        """Increase a count for a plan, whose summary has a prefix."""
-        self.counts[kind] += 1
-        self.prefix = prefix
-
-    def keep(self, plan: Plan) -> None:
-        """Make a plan the last one."""
+    def keep(self, plan: Plan, count: str = '', prefix: str = '') -> None:
+        """Make a plan the last one and, if it is announced, increase a count."""
         self.plan, self.bound, self.refusal = plan, plan.bound, None
+        if count:
+            self.counts[count] += 1
+            self.prefix = prefix
 
     def end_flight(self) -> None:
         """Forget the refusal of a replan at the end of the flight."""
