@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError
-from secure_uav_planner.model.clearance import Clearance, least_distance
+from secure_uav_planner.model.clearance import Clearance, least_distance, Pieces
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.splice import cut_tail
 import shapely
@@ -164,7 +164,7 @@ def test_the_least_distance_of_quadratic_motion_is_exact(seed, bend):
         velocity[:] = 0
     if seed % 5 == 0:
         acceleration = velocity * -bend
-    least, by = least_distance(position, velocity, acceleration, 0.5)
+    least, by = least_distance(Pieces(np.zeros(20), 0.5, position, velocity, acceleration))
     times = np.linspace(-0.5, 0.5, 20001)[:, None, None]
     paths = position + velocity * times + acceleration * times**2 / 2
     dense = np.linalg.norm(paths, axis=-1).min(axis=0)

@@ -132,7 +132,7 @@ class LeastSpeed(Limit):
         if self.speeds(positions).min() < 4.0:
             raise PlanError('a UAV is too slow')
 
-    def retract(self, positions, powers, margin=0.0):
+    def retract(self, positions, powers):
         """Blend with the flight of least utilisation until it is fast enough."""
         blends = (positions + share * (self.grid.reference_flight - positions)
                   for share in np.linspace(0.0, 1.0, 21))

@@ -28,10 +28,10 @@ class RangeLimit(Limit):
         if farthest > REACH + 1e-6:
             raise PlanError(f'a UAV is {farthest:.9g} m away; at most {REACH} m are allowed')
 
-    def retract(self, positions, powers, margin=0.0):
+    def retract(self, positions, powers):
         """Move points that are out of reach to the edge."""
         offsets = positions - BASE
-        excess = np.linalg.norm(offsets, axis=-1, keepdims=True) / ((1 - margin) * REACH)
+        excess = np.linalg.norm(offsets, axis=-1, keepdims=True) / REACH
         return BASE + offsets / np.maximum(excess, 1.0), powers
 
     @property

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,14 @@ from ..mission.validation import Array, read_only
 GEOFENCE = 'the geofence'
 """Name of the obstacles outside the fence."""
 
-MOST_ROUTES = 3
-"""Between two places, on different sides of the obstacles between them."""
-
+MOST_ROUTES = 3  # Between two places, on different sides of the obstacles between them.
 _DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
 _INSIDE = 0.1  # Distance of free places from the fence, in steps.
 _MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
 _ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
+
+_Edges: TypeAlias = NDArray[np.intp]
+"""Pairs of places, by their indices, (2, M)."""
 
 
 class Obstacle(NamedTuple):
@@ -52,10 +53,9 @@ class Airspace:
     @cached_property
     def obstacles(self) -> tuple[tuple[Obstacle, ...], ...]:
         """
-        Obstacles of each UAV.
+        Obstacles of each UAV: convex parts of zones, and of the fence's hull without the fence.
 
-        These are the convex parts of the zones at its altitude that are not far, and of the
-        pockets of a geofence that is not convex: its convex hull without the fence.
+        Zones count at its altitude, and if they are not far.
         """
         boundaries = self.scenario.boundaries
         outside = [] if boundaries.keep_in is None else [
@@ -71,8 +71,8 @@ class Airspace:
         """
         Names of the zones that are farther from the mission than the mission is large.
 
-        A mission is as large as the box around starts, goals and the ground, and as the way on
-        which UAVs that do not begin and end at rest can stop.
+        That is the box around starts, goals and the ground, and the way on which UAVs that do not
+        begin and end at rest can stop.
         """
         scenario = self.scenario
         if not scenario.no_fly_zones:
@@ -120,28 +120,25 @@ class VisibilityGraph:
         corners = shapely.get_coordinates(enlarged)
         self._normals, self._offsets = airspace.hull
         self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
-        count = len(self._corners)
-        first, second = np.triu_indices(count, 1)
-        visible = self._are_visible(self._corners[first], self._corners[second])
-        self._edges = first[visible], second[visible]
+        self._edges = self._select_visible(
+            self._corners, np.array(np.triu_indices(len(self._corners), 1)))
 
-    def _are_visible(self, begin: Array, end: Array) -> NDArray[np.bool_]:
-        """Return True for each pair of places without an obstacle in between, (M,)."""
-        lines = shapely.linestrings(np.stack([begin, end], axis=1))
-        free: NDArray[np.bool_] = ~shapely.intersects(self._enlarged, lines)
-        if not free.all():
-            # Within the distance of an obstacle, only the obstacle itself counts.
-            inside = shapely.contains_xy(self._enlarged, begin) | shapely.contains_xy(
-                self._enlarged, end)
-            again = np.flatnonzero(~free & inside)
-            free[again] = ~shapely.intersects(self._solid, lines[again])
-        return free
+    def _select_visible(self, places: Array, edges: _Edges) -> _Edges:
+        """Return the edges (2, M), pairs of places (K, 2), without an obstacle in between."""
+        ends = places[edges]
+        lines = shapely.linestrings(ends.swapaxes(0, 1))
+        free = ~shapely.intersects(self._enlarged, lines)
+        # Within the distance of an obstacle, only the obstacle itself counts.
+        inside = shapely.contains_xy(self._enlarged, ends[..., 0], ends[..., 1]).any(axis=0)
+        again = np.flatnonzero(~free & inside)
+        free[again] = ~shapely.intersects(self._solid, lines[again])
+        return edges[:, free]
 
     def find_routes(self, begin: Array, end: Array, most: int) -> list[Array]:
         """
         Return at most so many routes between two places, the shortest first, each (K, 2) in m.
 
-        The alternatives pass an obstacle that the shortest route touches on its opposite side.
+        Each alternative passes an obstacle of the shortest on its opposite side.
         """
         places, edges = self._insert(np.stack([begin, end]))
         shortest = _find_shortest_route(places, edges)
@@ -158,9 +155,8 @@ class VisibilityGraph:
             away = touched[len(touched) // 2] - centre
             ray = shapely.linestrings(np.stack([
                 centre, centre + away * (1e5 / max(math.hypot(*away), 1e-9))]))
-            lines = shapely.linestrings(np.stack([places[edges[0]], places[edges[1]]], axis=1))
-            open_ = ~shapely.intersects(ray, lines)
-            alternative = _find_shortest_route(places, (edges[0][open_], edges[1][open_]))
+            lines = shapely.linestrings(places[edges].swapaxes(0, 1))
+            alternative = _find_shortest_route(places, edges[:, ~shapely.intersects(ray, lines)])
             if alternative is not None:
                 routes.append(alternative)
         return routes
@@ -180,17 +176,16 @@ class VisibilityGraph:
                 point = part.exterior.interpolate(part.exterior.project(point))
         return np.array(point.coords[0])
 
-    def _insert(self, extra: Array) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    def _insert(self, extra: Array) -> tuple[Array, _Edges]:
         """Return the corners with extra places behind them, and the edges between all."""
         corners = len(self._corners)
         places = np.concatenate([self._corners, extra])
         more = np.arange(corners, len(places))
         # From the corners to each extra place, and from these to the last.
-        first = np.append(np.tile(np.arange(corners), len(more)), more[:-1])
-        second = np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))
-        visible = self._are_visible(places[first], places[second])
-        return places, (np.append(self._edges[0], first[visible]),
-                        np.append(self._edges[1], second[visible]))
+        edges = np.stack([
+            np.append(np.tile(np.arange(corners), len(more)), more[:-1]),
+            np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))])
+        return places, np.append(self._edges, self._select_visible(places, edges), axis=1)
 
 
 class Routes:
@@ -206,11 +201,7 @@ class Routes:
         self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """
-        Return the places nearest to given ones (..., U, 2) in m where each UAV may be.
-
-        :param raise_if_over: called now and then; what it raises is passed on.
-        """
+        """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
         normals, offsets = self._airspace.hull
         free = places.copy()
         for uav, step in enumerate(self._steps):
@@ -228,8 +219,8 @@ class Routes:
         """
         Return the routes of a UAV from each place to the next, at a distance where they can be.
 
-        :return: the visibility graph, or None without obstacles, and for each pair of places the
-            routes, as VisibilityGraph.find_routes returns them.
+        :return: the visibility graph, or None without obstacles, and the routes of
+            VisibilityGraph.find_routes for each pair of places.
         """
         routes: list[list[Array]] = [[] for _ in places[1:]]
         for distance in _DISTANCES:
@@ -263,14 +254,14 @@ def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
     return place
 
 
-def _build_matrix(places: Array, edges: tuple[Any, Any]) -> Any:
+def _build_matrix(places: Array, edges: _Edges) -> Any:
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
     # SciPy 1.11 has csgraph for indices of 32 bits only.
-    indices = tuple(np.asarray(ends, np.int32) for ends in edges)
-    return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
+    return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), edges.astype(np.int32)),
+                                  shape=(len(places),) * 2)
 
 
-def _find_shortest_route(places: Array, edges: tuple[Any, Any]) -> Array | None:
+def _find_shortest_route(places: Array, edges: _Edges) -> Array | None:
     """Return the shortest route from the last place but one to the last, or None."""
     begin, end = len(places) - 2, len(places) - 1
     lengths, before = scipy.sparse.csgraph.dijkstra(

@@ -23,7 +23,8 @@ _ROUNDING = 1e-9  # Share by which edges and pieces are made longer, so that no 
 CLOSE_DISTANCE = 5.0
 """Distance between UAVs in m below which a plan without a separation deserves a warning."""
 
-_Indices = NDArray[np.intp]
+_EVERYWHERE = shapely.box(-1e9, -1e9, 1e9, 1e9)
+"""What holds the outside of a fence."""
 
 
 class Pieces(NamedTuple):
@@ -41,23 +42,9 @@ class Pieces(NamedTuple):
     velocities: Array
     accelerations: Array
 
-    @classmethod
-    def of(cls, curve: Curve) -> 'Pieces':
-        """Return the pieces of a flight from its begin to its end, with arrays (U, K, 2)."""
-        count = round((curve.end - curve.begin) / curve.piece)
-        times = curve.begin + (np.arange(count) + 0.5) * curve.piece
-        motion = curve.at(times)
-        return cls(times, curve.piece / 2, motion.positions, motion.velocities,
-                   motion.accelerations)
-
-    def select_uav(self, uav: int) -> 'Pieces':
-        """Return the pieces of one UAV, with arrays (K, 2)."""
-        return self._replace(positions=self.positions[uav], velocities=self.velocities[uav],
-                             accelerations=self.accelerations[uav])
-
-    def take(self, index: Array) -> 'Pieces':
-        """Return the pieces with these indices, for arrays (K, 2)."""
-        return Pieces(self.times[index], self.half, self.positions[index],
+    def take(self, *index: Any) -> 'Pieces':
+        """Return pieces by their indices in the leading axes of the arrays, the last in time."""
+        return Pieces(self.times[index[-1]], self.half, self.positions[index],
                       self.velocities[index], self.accelerations[index])
 
     def at(self, by: Array) -> Array:
@@ -72,28 +59,28 @@ class Pieces(NamedTuple):
                 + np.abs(self.accelerations) * (self.half**2 / 2))
 
 
-def least_distance(position: Array, velocity: Array, acceleration: Array,
-                   half: float) -> tuple[Array, Array]:
+def least_distance(pieces: Pieces) -> tuple[Array, Array]:
     """
-    Return the least of |position + velocity t + acceleration t^2 / 2| for |t| <= half, and t.
+    Return the least distances (K,) of pieces from (0, 0), and their times from the middles, (K,).
 
     The square is a quartic of t, convex on both sides of where its second derivative is negative.
-    On each side the zero of its derivative is bisected. Arrays are (K, 2), and (K,).
+    On each side the zero of its derivative is bisected. Arrays of the pieces are (K, 2).
     """
+    position, velocity, acceleration = pieces.positions, pieces.velocities, pieces.accelerations
     cubic = 0.5 * (acceleration**2).sum(axis=-1)
     square = 1.5 * (velocity * acceleration).sum(axis=-1)
     linear = ((velocity**2) + position * acceleration).sum(axis=-1)
     constant = (position * velocity).sum(axis=-1)
-    first, second = _find_roots(3 * cubic, square, linear, half)
+    first, second = _find_roots(3 * cubic, square, linear, pieces.half)
     best, at = np.full(len(position), np.inf), np.zeros(len(position))
-    for low, high in ((np.full(len(position), -half), first), (second, np.full_like(at, half))):
+    half = np.full_like(at, pieces.half)
+    for low, high in ((-half, first), (second, half)):
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             rises = constant + middle * (linear + middle * (square + middle * cubic)) > 0
             low, high = np.where(rises, low, middle), np.where(rises, middle, high)
         by = (low + high) / 2
-        distance = np.linalg.norm(
-            position + velocity * by[:, None] + acceleration * (by[:, None]**2 / 2), axis=-1)
+        distance = np.linalg.norm(pieces.at(by), axis=-1)
         at = np.where(distance < best, by, at)
         best = np.minimum(distance, best)
     return best, at
@@ -131,8 +118,8 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     bend, slope = ((part * normal).sum(axis=1)
                    for part in (pieces.accelerations, pieces.velocities))
     line = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
-    corners = [least_distance(pieces.positions - edges[:, end], pieces.velocities,
-                              pieces.accelerations, pieces.half)[1] for end in range(2)]
+    corners = [least_distance(pieces._replace(positions=pieces.positions - edges[:, end]))[1]
+               for end in range(2)]
     crossings, crosses = find_crossings(pieces, edges)
     times = np.stack([line, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
     offsets = pieces.at(times) - begin
@@ -232,16 +219,14 @@ class Clearance:
         if not len(pairs):
             return None
         first, second = pairs.T
-        position, velocity, acceleration = (
+        relative = Pieces(pieces.times, pieces.half, *(
             values[first] - values[second]
-            for values in (pieces.positions, pieces.velocities, pieces.accelerations))
+            for values in (pieces.positions, pieces.velocities, pieces.accelerations)))
         heights = self._scenario.altitudes[first] - self._scenario.altitudes[second]
-        middle = np.hypot(np.linalg.norm(position, axis=-1), heights[:, None])
-        relative = Pieces(pieces.times, pieces.half, position, velocity, acceleration)
+        middle = np.hypot(np.linalg.norm(relative.positions, axis=-1), heights[:, None])
         least = middle - np.linalg.norm(relative.reach, axis=-1)
         pair, at = np.nonzero(least <= middle.min())
-        level, by = least_distance(position[pair, at], velocity[pair, at], acceleration[pair, at],
-                                   pieces.half)
+        level, by = least_distance(relative.take(pair, at))
         distance = np.hypot(level, heights[pair])
         best = int(distance.argmin())
         names = [uavs[number].name for number in pairs[pair[best]].tolist()]
@@ -287,26 +272,28 @@ class Clearance:
 
     @cached_property
     def _pieces(self) -> Pieces:
-        return Pieces.of(self._curve)
+        """The flight from its begin to its end, with arrays (U, K, 2)."""
+        curve = self._curve
+        count = round((curve.end - curve.begin) / curve.piece)
+        times = curve.begin + (np.arange(count) + 0.5) * curve.piece
+        return Pieces(times, curve.piece / 2, *curve.at(times)[:3])
 
     def _check_area(self, number: int, uav: Uav) -> None:
         """Check the zones and the fence of one UAV."""
-        boundaries, pieces = self._scenario.boundaries, self._pieces.select_uav(number)
+        boundaries, pieces = self._scenario.boundaries, self._pieces.take(number, slice(None))
         zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
         texts = [f'inside {name}' for _, name in zones]
         # Deeper in a zone than the tolerance, and farther from the fence.
         forbidden = [shape.buffer(-POSITION_TOLERANCE, join_style='mitre') for shape in shapes]
         if boundaries.keep_in is not None:
-            fence = shapely.Polygon(boundaries.keep_in)
-            shapes.append(fence)
+            shapes.append(shapely.Polygon(boundaries.keep_in))
             texts.append('outside the geofence')
-            forbidden.append(_bounding_box(pieces, fence).difference(
-                fence.buffer(POSITION_TOLERANCE, join_style='mitre')))
-        entered = _find_entries(pieces, forbidden)
-        if not entered:
+            forbidden.append(_EVERYWHERE.difference(
+                shapes[-1].buffer(POSITION_TOLERANCE, join_style='mitre')))
+        index, times = _find_entry(pieces, forbidden)
+        if not len(times):
             return
-        index, times = next(iter(entered.items()))
         # Between two entries or ends of the flight it is inside, or outside.
         ends = np.array([self._curve.begin, *times, self._curve.end])
         times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
@@ -320,15 +307,12 @@ class Clearance:
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
         """Return the smallest distance of one UAV to a zone at its altitude."""
         zones = self._scenario.boundaries.zones_at(uav.altitude)
-        pieces = self._pieces.select_uav(number)
         if not zones:
             return None
-        edges, owners = _list_edges([shapely.Polygon(zone.vertices) for zone, _ in zones])
-        tree, middles = _build_tree(edges), shapely.points(pieces.positions)
-        (at, _), distances = tree.query_nearest(
-            middles, all_matches=False, return_distance=True)
-        middle = np.empty(len(middles))
-        middle[at] = distances
+        pieces = self._pieces.take(number, slice(None))
+        edges, owners, tree = _list_edges([shapely.Polygon(zone.vertices) for zone, _ in zones])
+        middles = shapely.points(pieces.positions)
+        _, middle = tree.query_nearest(middles, all_matches=False, return_distance=True)
         reach = np.linalg.norm(pieces.reach, axis=-1)
         near = np.flatnonzero(middle - reach <= middle.min())
         at, edge = tree.query(middles[near], predicate='dwithin',
@@ -339,39 +323,26 @@ class Clearance:
                         (uav.name, zones[owners[edge[best]]][1]))
 
 
-def _find_entries(pieces: Pieces, polygons: Sequence[Any]) -> dict[int, Array]:
-    """Return times around the entries of a motion into polygons, by the polygons' indices."""
-    entries: dict[int, list[Array]] = {}
+def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
+    """Return the first polygon that a motion enters, and times around its entries, or none."""
     middles = shapely.points(pieces.positions)
-    at, inside = shapely.STRtree(polygons).query(middles, predicate='intersects')
-    for index in np.unique(inside).tolist():
-        entries.setdefault(index, []).append(pieces.times[at[inside == index]])
-    edges, owners = _list_edges(polygons)
+    at, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
+    edges, owners, tree = _list_edges(polygons)
     low, high = pieces.positions - pieces.reach, pieces.positions + pieces.reach
-    at, edge = _build_tree(edges).query(shapely.box(*low.T, *high.T))
-    by, crossed = find_crossings(pieces.take(at), edges[edge])
-    times = np.where(crossed, pieces.times[at][:, None] + by, np.nan)
-    for index in np.unique(owners[edge][crossed.any(axis=1)]).tolist():
-        own = times[owners[edge] == index]
-        entries.setdefault(index, []).append(own[~np.isnan(own)])
-    return {index: np.sort(np.concatenate(entries[index])) for index in sorted(entries)}
+    near, edge = tree.query(shapely.box(*low.T, *high.T))
+    by, crossed = find_crossings(pieces.take(near), edges[edge])
+    crossing, side = np.nonzero(crossed)
+    indices = np.concatenate([entered, owners[edge[crossing]]])
+    times = np.concatenate([pieces.times[at], pieces.times[near[crossing]] + by[crossing, side]])
+    first = int(indices.min(initial=len(polygons)))
+    return first, np.sort(times[indices == first])
 
 
-def _bounding_box(pieces: Pieces, polygon: Any) -> Any:
-    """Return a box that holds a motion and a polygon."""
-    places = np.concatenate([pieces.positions - pieces.reach, pieces.positions + pieces.reach,
-                             shapely.get_coordinates(polygon)])
-    return shapely.box(*places.min(axis=0) - 1.0, *places.max(axis=0) + 1.0)
-
-
-def _list_edges(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
-    """Return the edges of polygons, (E, 2, 2) in m, and the index of the polygon of each."""
+def _list_edges(polygons: Sequence[Any]) -> tuple[Array, NDArray[np.intp], Any]:
+    """Return the edges of polygons, (E, 2, 2) in m, the index of each one's, and their tree."""
     parts, owner = shapely.get_parts(np.array(polygons, object), return_index=True)
     rings, part = shapely.get_rings(parts, return_index=True)
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     inside = np.flatnonzero(ring[1:] == ring[:-1])
-    return np.stack([corners[inside], corners[inside + 1]], axis=1), owner[part[ring[inside]]]
-
-
-def _build_tree(edges: Array) -> Any:
-    return shapely.STRtree(shapely.linestrings(edges))
+    edges = np.stack([corners[inside], corners[inside + 1]], axis=1)
+    return edges, owner[part[ring[inside]]], shapely.STRtree(shapely.linestrings(edges))

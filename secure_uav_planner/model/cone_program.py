@@ -123,76 +123,46 @@ class _Question:
 # Kept, as a cone program of N slots takes 9 ms for N = 200, and iterates ask for it 100 times.
 @lru_cache(maxsize=64)
 def _find_flight(question: _Question) -> tuple[float, Array]:
+    """
+    Minimise the utilisation r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
+
+    The velocities w, (N+1, 2) in m/s, add up to the displacement; those beyond them are given, or
+    not there.
+    """
     vehicle, slots, step = question.vehicle, question.slots, question.step
+    straight = read_only(vehicle.fly_straight(slots, step))
     if vehicle.is_straight:
-        return (vehicle.straight_utilisation(slots, step),
-                read_only(vehicle.fly_straight(slots, step)))
-    program = _UtilisationProgram(vehicle, slots, step)
-    velocities = program.solve(question.raise_if_over)
-    if velocities is None:
-        return math.inf, read_only(vehicle.fly_straight(slots, step))
+        return vehicle.straight_utilisation(slots, step), straight
+    moves, top, gain = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
+    displacement = np.array(vehicle.displacement)
+    begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
+                  for velocity in (vehicle.start_velocity, vehicle.goal_velocity))
+    given = np.concatenate([begin, np.zeros((moves, 2)), end])
+    change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
+    vectors = scipy.sparse.vstack([
+        scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-len(begin))])
+    constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
+    limits = np.zeros((len(constants), 3))
+    limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, gain / top)
+    unit = max(1.0, math.hypot(*vehicle.displacement))
+    # The displacement, then for every cone a row of its limit times r, and two of its vector.
+    rows = scipy.sparse.bmat([
+        [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), np.eye(2))],
+        [scipy.sparse.csr_matrix(-limits.reshape(-1, 1)),
+         -scipy.sparse.kron(vectors, np.eye(3, 2, k=-1))]])
+    size = 1 + 2 * moves
+    solution = solve_cone_program(
+        scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows,
+        np.concatenate([displacement / unit, np.pad(constants, ((0, 0), (1, 0))).ravel()]),
+        equalities=2, accuracy=_ACCURACY, raise_if_over=question.raise_if_over)
+    if solution is None or not np.isfinite(solution).all():
+        return math.inf, straight
+    velocities = solution[1:].reshape(-1, 2) * top
+    # The displacement is nearly right: the moves share the rest.
+    velocities += (displacement / step - velocities.sum(axis=0)) / moves
+    changes = np.diff(np.concatenate([begin, velocities, end]), axis=0)
+    utilisation = max(np.hypot(*velocities.T).max() / top,
+                      np.hypot(*changes.T).max(initial=0.0) / gain)
     points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
-    points[-1] = vehicle.displacement
-    return program.measure_utilisation(velocities), read_only(points)
-
-
-class _UtilisationProgram:
-    """
-    The second-order cone program of the least utilisation of a flight with given end velocities.
-
-    It minimises the utilisation r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step over
-    the velocities w, (N+1, 2) in m/s, whose sum is that of the displacement.
-    """
-
-    def __init__(self, vehicle: Vehicle, slots: int, step: float) -> None:
-        self._vehicle, self._moves, self._step = vehicle, slots + 1, step
-        self._ends = [np.zeros((0, 2)) if velocity is None else np.array([velocity])
-                      for velocity in (vehicle.start_velocity, vehicle.goal_velocity)]
-        self._sum: Array = np.array(vehicle.displacement) / step
-        self._gain = vehicle.max_acceleration * step
-
-    def measure_utilisation(self, velocities: Array) -> float:
-        """Return the utilisation of a flight."""
-        changes = np.diff(self._with_ends(velocities), axis=0)
-        return float(max(_lengths(velocities).max() / self._vehicle.max_speed,
-                         _lengths(changes).max(initial=0.0) / self._gain))
-
-    def solve(self, raise_if_over: Callable[[], None]) -> Array | None:
-        """Return the velocities of least utilisation, or None if Clarabel has none."""
-        moves, top, first = self._moves, self._vehicle.max_speed, len(self._ends[0])
-        given = self._with_ends(np.zeros((moves, 2)))
-        change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
-        vectors = scipy.sparse.vstack([
-            scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-first)])
-        constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
-        cones = len(constants)
-        limits = np.where(np.arange(cones) < moves, 1.0, self._gain / top)
-        distance = self._sum * self._step
-        unit = max(1.0, math.hypot(*distance))
-        both = scipy.sparse.identity(2)
-        rows = scipy.sparse.bmat([
-            [None, scipy.sparse.kron(np.full((1, moves), self._step * top / unit), both)],
-            [scipy.sparse.csr_matrix(-limits[:, None]), None],
-            [None, -scipy.sparse.kron(vectors, both)]], format='csr')
-        right = np.concatenate([distance / unit, np.zeros(cones), constants.ravel()])
-        # The displacement, then for every cone its limit times r and its vector.
-        number = 2 + np.arange(cones)
-        order = np.append([0, 1], np.stack(
-            [number, cones + 2 * number - 2, cones + 2 * number - 1], axis=1))
-        size = 1 + 2 * moves
-        solution = solve_cone_program(
-            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order], right[order],
-            equalities=2, accuracy=_ACCURACY, raise_if_over=raise_if_over)
-        if solution is None or not np.isfinite(solution).all():
-            return None
-        velocities = solution[1:].reshape(-1, 2) * top
-        # The displacement is nearly right: the moves share the rest.
-        return np.asarray(velocities + (self._sum - velocities.sum(axis=0)) / moves)
-
-    def _with_ends(self, velocities: Array) -> Array:
-        """Return the velocities with those given at the ends, (N+1 to N+3, 2)."""
-        return np.concatenate([self._ends[0], velocities, self._ends[1]])
-
-
-def _lengths(vectors: Array) -> Array:
-    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]))
+    points[-1] = displacement
+    return float(utilisation), read_only(points)

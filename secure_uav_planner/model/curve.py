@@ -83,9 +83,7 @@ class Curve:
         self.end = self._last * self._step + margin
         self.piece = self._step / 2 if margin else self._step
         moves = np.diff(positions, axis=1)
-        first, last = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities * self._step)
-        # The moves w[-1], w[0], ..., w[N+1].
-        self._moves = np.concatenate([first[:, None], moves, last[:, None]], axis=1)
+        self._moves = add_end_moves(moves, scenario.end_velocities * self._step)
         self._headings = _find_headings(moves, scenario.max_step)
         self._slow = _STANDING * scenario.max_speeds[:, None]
 
@@ -128,9 +126,14 @@ class Curve:
         return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
 
 
-def complete_end_moves(moves: Array, given: Array) -> Array:
-    """Return the moves beyond both ends (2, U, 2); where not given, a flight's own (U, 2, 2)."""
-    return np.where(np.isnan(given), np.swapaxes(moves, 0, 1), given)
+def add_end_moves(moves: Array, ends: Array) -> Array:
+    """
+    Return moves w[-1], w[0], ..., w[M] of flights with moves w[0], ..., w[M-1], (U, M, 2).
+
+    :param ends: w[-1] and w[M], (2, U, 2); where one is NaN, it is like the move beside it.
+    """
+    ends = np.where(np.isnan(ends), np.swapaxes(moves[:, [0, -1]], 0, 1), ends)
+    return np.concatenate([ends[0][:, None], moves, ends[1][:, None]], axis=1)
 
 
 def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
@@ -163,8 +166,7 @@ def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, .
     """
     Return the Energy of each UAV along a curve, None for one without a propulsion.
 
-    It is the integral of Propulsion.power over the speed of the curve, without what changes of
-    velocity and the radio take.
+    Propulsion.power is that of the speed; changes of velocity and the radio are left out.
     """
     energies = integrate_powers(scenario, *curve.slot_velocities, scenario.slot_duration)
     return tuple(None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
@@ -175,11 +177,10 @@ def integrate_powers(scenario: Scenario, before: Array, after: Array, step: floa
     """
     Return the energies of UAVs by Simpson's rule in each slot, hovering and flying, (U, 2) in J.
 
-    They are 0 for a UAV without a propulsion.
-
     :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s, linear in between.
     :param after: likewise at their ends.
     :param step: length of a slot in s.
+    :return: 0 for a UAV without a propulsion.
     """
     speeds = np.linalg.norm([before, (before + after) / 2, after], axis=-1)
     energies = np.zeros((len(scenario.uavs), 2))

@@ -11,7 +11,7 @@ from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .channel.rates import compute_sinr
 from .cone_program import find_least_utilisations, minimise_utilisation
-from .curve import complete_end_moves, evaluate_spline
+from .curve import add_end_moves, evaluate_spline
 from ..mission.scenario import Array, read_only, Scenario
 
 _LONGEST_STEP = 0.25  # Largest characteristic step length as a share of a mission's extent.
@@ -153,23 +153,21 @@ class Grid:
         if not self.scenario.limits_acceleration:
             return resample(path, slots + 2)
         points = np.swapaxes(path, 0, 1)
-        ends = complete_end_moves(
-            np.diff(points, axis=1)[:, [0, -1]],
-            self.scenario.end_velocities * self.slot_duration / self.length)
-        return np.swapaxes(resample_curve(points, ends, slots + 2), 0, 1)
+        moves = add_end_moves(np.diff(points, axis=1), (
+            self.scenario.end_velocities * self.slot_duration / self.length))
+        return np.swapaxes(resample_curve(points, moves, slots + 2), 0, 1)
 
 
-def resample_curve(points: Array, ends: Array, count: int) -> Array:
+def resample_curve(points: Array, moves: Array, count: int) -> Array:
     """
     Return the control points (U, count, 2) of nearly the same B-spline (U, M, 2) in other slots.
 
     The curve begins and ends half a slot beyond the points. As that differs between the two, time
     is warped, while the ends keep their velocities.
 
-    :param ends: moves before the first point, and after the last, (2, U, 2).
+    :param moves: of the points, see add_end_moves, (U, M+1, 2).
     """
-    last, (first_move, last_move) = points.shape[1] - 1, ends[:, :, None]
-    moves = np.concatenate([first_move, np.diff(points, axis=1), last_move], axis=1)
+    last, first_move, last_move = points.shape[1] - 1, moves[:, :1], moves[:, -1:]
     slot = last / (count - 1)
     times: Array = np.arange(float(count)) * slot
     warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5

@@ -283,8 +283,7 @@ def _drop_transmitter(gains: Array) -> Array:
 
 def _evaluate_link(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
     """Return the gains, and 1 / (d^2 + H^2), which is -g' / g in free space and only there."""
-    gains, slopes = link.gain(squared), link.slope(squared)
-    return gains, -slopes / gains
+    return link.gain(squared), 1 / (squared + link.squared_altitudes)
 
 
 def _log_of_sum_bound(received: Array, slopes: Array, x: Any, y: Any,

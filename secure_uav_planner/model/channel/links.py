@@ -42,10 +42,6 @@ class FreeSpace:
         """Return the gain over the noise power at squared horizontal distances."""
         return self.reference_snr / (squared + self.squared_altitudes)
 
-    def slope(self, squared: Array) -> Array:
-        """Return the derivative of the gain by the squared distance."""
-        return -self.gain(squared) / (squared + self.squared_altitudes)
-
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
         """Return the gain with a line of sight where numbers in [0, 1) are below its chance."""
         return self.gain(squared)
@@ -85,20 +81,11 @@ class PathLoss(FreeSpace):
     shift: Array | float = 0.0
 
     def gain(self, squared: Array) -> Array:
-        return self._sight_gain(squared) * self._factor(self._z(squared))[0]
+        return self._sight_gain(squared) * self._factor(self._z(squared))
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
         return self._sight_gain(squared) * np.where(
             numbers < _probability(self._z(squared)), 1.0, self.losses)
-
-    def slope(self, squared: Array) -> Array:
-        """Return the derivative of the gain by the squared distance; without end at 0."""
-        heights, inverse = self.squared_altitudes, 1 / (squared + self.squared_altitudes)
-        factor, rise = self._factor(self._z(squared))
-        with np.errstate(divide='ignore'):
-            turn = -0.5 * np.degrees(np.sqrt(heights / squared)) * inverse * self.steepness
-        steeper = np.where(np.less(self.losses, 1.0) & (rise > 0), turn * rise, 0.0)
-        return self._sight_gain(squared) * factor * (steeper - 0.5 * self.exponent * inverse)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'PathLoss':
         snr = np.asarray(self.reference_snr)
@@ -118,11 +105,9 @@ class PathLoss(FreeSpace):
         return self.reference_snr * (
             squared + self.squared_altitudes)**(-0.5 * self.exponent)
 
-    def _factor(self, z: Array) -> tuple[Array, Array]:
-        """Return the factor of the mean gain by lines of sight, and its log's derivative by z."""
-        likely = _probability(z)
-        factor = self.losses + (1 - self.losses) * likely
-        return factor, (1 - self.losses) * likely * (1 - likely) / factor
+    def _factor(self, z: Array) -> Array:
+        """Return the factor of the gain by lines of sight."""
+        return self.losses + (1 - self.losses) * _probability(z)
 
     def _z(self, squared: Array) -> Array:
         elevation = np.degrees(np.arctan2(np.sqrt(self.squared_altitudes), np.sqrt(squared)))
@@ -140,14 +125,13 @@ class PathLossQuantile(PathLoss):
 
     takes_quantile: ClassVar[bool] = True
 
-    def _factor(self, z: Array) -> tuple[Array, Array]:
+    def _factor(self, z: Array) -> Array:
         z = np.clip(z, 0.0, 1.0)
-        missing = (1 - z)**3 * (1 + 3 * z + 6 * z**2)
-        return self.losses**missing, -np.log(self.losses) * 30 * (z * (1 - z))**2
+        return np.asarray(self.losses**((1 - z)**3 * (1 + 3 * z + 6 * z**2)))
 
 
 def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper'],
-              axes: int = 1) -> FreeSpace:
+              axes: int = 1, altitudes: Array | None = None) -> FreeSpace:
     """
     Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
 
@@ -155,10 +139,11 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
     else means or, where the channel is cautious, those of a line of sight on the bad side.
 
     :param axes: how many axes the squared distances have after that of the UAVs.
+    :param altitudes: in m, of the shape of the squared distances, instead of the scenario's.
     """
     shape = -1, *[1] * axes
     return _link(scenario, int(receiver == 'eavesdropper'), shape, scenario.reference_snr,
-                 scenario.altitudes.reshape(shape))
+                 scenario.altitudes.reshape(shape) if altitudes is None else altitudes)
 
 
 def make_links(scenario: Scenario, length: float, power: Array,

@@ -1,7 +1,6 @@
 """The rates of a plan, by the plain formulas: what every published number comes from."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,17 +58,15 @@ def ground_rates(scenario: Scenario, positions: Array, powers: Array,
 
     :param times: as for guaranteed_rates.
     """
-    largest: Array = node_ground_rates(scenario, positions, powers, times).max(axis=0)
-    return largest
+    return np.asarray(node_ground_rates(scenario, positions, powers, times).max(axis=0))
 
 
 def node_ground_rates(scenario: Scenario, positions: Array, powers: Array,
                       times: Array | None = None) -> Array:
     """Return r_k[n] of each ground node, (G, N) in bit/s/Hz."""
     positions, powers = checked_flight(scenario, positions, powers)
-    return _compute_node_rates(
-        make_link(scenario, 'ground_node'),
-        find_receivers(scenario, powers.shape[1], times).ground_nodes, positions, powers)
+    nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
+    return _compute_node_rates(make_link(scenario, 'ground_node'), nodes, positions, powers)
 
 
 def _compute_node_rates(link: FreeSpace, nodes: Array, positions: Array, powers: Array) -> Array:
@@ -91,9 +88,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     :param times: in s from point 0, (N,), at which receivers are where their tracks say; by
         default those of the points of the slots.
     """
-    largest: Array = guaranteed_node_rates(
-        scenario, positions, powers, altitudes, times).max(axis=0)
-    return largest
+    return np.asarray(
+        guaranteed_node_rates(scenario, positions, powers, altitudes, times).max(axis=0))
 
 
 def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -103,41 +99,33 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     sinr = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
     combine = np.add if scenario.colluding else np.maximum
-    links = make_link(scenario, 'ground_node'), make_link(scenario, 'eavesdropper')
-    ground, link = (links if altitudes is None else
-                    [replace(link, squared_altitudes=checked_array(
-                        'altitudes', altitudes, powers.shape)**2) for link in links])
+    if altitudes is not None:
+        altitudes = checked_array('altitudes', altitudes, powers.shape)
+    link = make_link(scenario, 'eavesdropper', altitudes=altitudes)
     receivers = find_receivers(scenario, powers.shape[1], times)
     for centres, radii, advantage in zip(
             receivers.centres, receivers.radii, scenario.receiver_advantages.tolist(),
             strict=True):
         combine(sinr, bound_sinrs(
             link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
-    return _subtract_leak(
-        scenario, ground, link, receivers.ground_nodes, positions, powers, convert_sinr(sinr))
+    return find_node_rates(scenario, positions, powers, convert_sinr(sinr), times, altitudes)
 
 
 def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: Array,
-                    times: Array | None = None) -> Array:
+                    times: Array | None = None, altitudes: Array | None = None) -> Array:
     """
     Return r_k[n] less the leak to eavesdroppers, (N,), and to nodes that listen, (G, N).
 
-    :param times: as for guaranteed_rates.
+    :param times: as for guaranteed_rates, like altitudes.
     """
     positions, powers = checked_flight(scenario, positions, powers)
-    return _subtract_leak(
-        scenario, make_link(scenario, 'ground_node'), make_link(scenario, 'eavesdropper'),
-        find_receivers(scenario, powers.shape[1], times).ground_nodes, positions, powers, leak)
-
-
-def _subtract_leak(scenario: Scenario, ground: FreeSpace, link: FreeSpace, nodes: Array,
-                   positions: Array, powers: Array, leak: Array) -> Array:
-    """Return find_node_rates by the links to ground nodes, (G, N, 2) in m, and to listeners."""
-    rates = _compute_node_rates(ground, nodes, positions, powers)
+    nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
-            link, nodes[list(scenario.listeners)], positions, powers))
-    return rates - leak
+            make_link(scenario, 'eavesdropper', altitudes=altitudes),
+            nodes[list(scenario.listeners)], positions, powers))
+    return _compute_node_rates(
+        make_link(scenario, 'ground_node', altitudes=altitudes), nodes, positions, powers) - leak
 
 
 def include_listeners(scenario: Scenario, leak: Array, heard: Sequence[Array] | Array,
@@ -172,9 +160,8 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
         the scenario has.
     :param times: as for guaranteed_rates.
     """
-    largest: Array = secrecy_node_rates(
-        scenario, positions, powers, eavesdropper, receiver_advantage_db, times).max(axis=0)
-    return largest
+    return np.asarray(secrecy_node_rates(
+        scenario, positions, powers, eavesdropper, receiver_advantage_db, times).max(axis=0))
 
 
 def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,

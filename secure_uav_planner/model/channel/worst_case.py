@@ -42,8 +42,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
 
     :param times: as for guaranteed_rates.
     """
-    largest: Array = worst_case_node_rates(scenario, positions, powers, times).max(axis=0)
-    return largest
+    return np.asarray(worst_case_node_rates(scenario, positions, powers, times).max(axis=0))
 
 
 def worst_case_node_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -177,15 +176,10 @@ def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
         np.tile(scenario.receiver_advantages, slots))
     offsets, powers = offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1)
     snr = np.broadcast_to(link.reference_snr, (uavs, slots * eves))
-    jamming = powers[1:] / powers[0]
-    if scenario.channel.outage is not None:
-        jamming *= snr[1:] / snr[0]
-    arrays = {'x': offsets[..., 0], 'y': offsets[..., 1],
-              'squared_altitudes': link.squared_altitudes,
-              'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
-              'radius': radii.ravel()}
-    discs: dict[str, Any] = {
-        name: np.ascontiguousarray(values) for name, values in arrays.items()}
+    discs: dict[str, Any] = {name: np.ascontiguousarray(values) for name, values in {
+        'x': offsets[..., 0], 'y': offsets[..., 1], 'squared_altitudes': link.squared_altitudes,
+        'noise': 1.0 / (snr[0] * powers[0]),
+        'jamming': powers[1:] / powers[0] * (snr[1:] / snr[0]), 'radius': radii.ravel()}.items()}
     if isinstance(link, PathLoss):
         discs['channel'] = replace(
             make_link(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)

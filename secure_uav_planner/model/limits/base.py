@@ -71,14 +71,12 @@ class Limit(ABC):
         """
         return positions
 
-    def retract(self, positions: Array, powers: Array,
-                margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
         """
         Return nearly feasible positions and powers made feasible.
 
         :param positions: (U, N+2, 2) in m.
         :param powers: (U, N) in W.
-        :param margin: share of the limit that is left, by limits on positions.
         """
         return positions, powers
 
@@ -87,7 +85,6 @@ class PeakPower(Limit):
     """Powers are not negative and not above their peak."""
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Check the power of every slot of a plan; see Limit."""
         for uav, power in zip(self.scenario.uavs, powers, strict=True):
             if power.min() < -POWER_TOLERANCE:
                 raise PlanError(f'the power of {uav.name} is {power.min():.9g} W in slot '
@@ -96,9 +93,7 @@ class PeakPower(Limit):
                 raise PlanError(f'the power of {uav.name} is {power.max():.9g} W in slot '
                                 f'{power.argmax() + 1}; at most {uav.peak_power:g} W are allowed')
 
-    def retract(self, positions: Array, powers: Array,
-                margin: float = 0.0) -> tuple[Array, Array]:
-        """Clip the powers."""
+    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
         return positions, np.clip(powers, 0, self.scenario.peak_powers[:, None])
 
 
@@ -106,15 +101,12 @@ class AveragePower(Limit):
     """The mean of a UAV's powers is at most its average power."""
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Check the mean power of every UAV of a plan; see Limit."""
         for uav, power in zip(self.scenario.uavs, powers, strict=True):
             if power.mean() > uav.average_power + POWER_TOLERANCE:
                 raise PlanError(f'the average power of {uav.name} is {power.mean():.9g} W; '
                                 f'at most {uav.average_power:g} W are allowed')
 
-    def retract(self, positions: Array, powers: Array,
-                margin: float = 0.0) -> tuple[Array, Array]:
-        """Scale the powers down."""
+    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
         mean = powers.mean(axis=1, keepdims=True)
         return positions, powers * np.minimum(
             1.0, self.scenario.average_powers[:, None] / np.maximum(mean, 1e-300))

@@ -6,7 +6,7 @@ import numpy as np
 
 from .base import Limit
 from ..airspace import Airspace
-from ..curve import complete_end_moves, integrate_powers
+from ..curve import add_end_moves, integrate_powers
 from ..grid import Grid
 from ...errors import PlanError
 from ...mission.fields import find_range
@@ -23,11 +23,9 @@ class EnergyLimit(Limit):
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
-        """Return True if any UAV has a limit of energy."""
         return airspace.scenario.limits_energy
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Check the energy of every UAV of a plan; see Limit."""
         for uav, energy in zip(self.scenario.uavs, measure_energies(self.scenario, positions),
                                strict=True):
             if uav.max_energy is not None and energy > uav.max_energy * (1 + TOLERANCE):
@@ -48,9 +46,7 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
     :param positions: of UAVs with a limit of acceleration, (U, N+2, 2) in m, for any N.
     """
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
-    moves = np.diff(positions, axis=1) / step
-    first, last = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities)
-    velocities = np.concatenate([first[:, None], moves, last[:, None]], axis=1)
+    velocities = add_end_moves(np.diff(positions, axis=1) / step, scenario.end_velocities)
     return _sum_energies(scenario, velocities, step)
 
 
@@ -64,10 +60,9 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
     """
     if point == 0 or not scenario.limits_energy:
         return scenario.uavs
-    moves = np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration
-    first, _ = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities)
-    energies = _sum_energies(
-        scenario, np.concatenate([first[:, None], moves], axis=1), scenario.slot_duration)
+    velocities = add_end_moves(np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration,
+                               scenario.end_velocities)
+    energies = _sum_energies(scenario, velocities[:, :-1], scenario.slot_duration)
     least = find_range(Uav, 'max_energy').low
     return tuple(uav if uav.max_energy is None else replace(
         uav, max_energy=max(uav.max_energy - energy, least))

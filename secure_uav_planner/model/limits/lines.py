@@ -27,7 +27,6 @@ _Piece: TypeAlias = tuple[tuple[float, float, float], ...]
 _SMOOTH: _Piece = ((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 0.5))
 _STRAIGHT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _POINT = ((0.0, 1.0, 0.0),)
-_ENDS = ((0.5, 0.5, 0.0),), ((0.0, 0.5, 0.5),)
 
 
 class ControlPoints:
@@ -37,36 +36,27 @@ class ControlPoints:
     Around each of the points 0..N+1 every UAV has one piece.
 
     :param grid: of the flight.
-    :param piece: the weights of q[n-1], q[n], q[n+1] in each control point around a point.
-    :param ends: those around the first point and the last, where they differ.
+    :param of_curve: whether they are those of the flown curve, or else the points themselves,
+        with the curve's ends in place of start and goal.
     :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, U, K, 3); zero for points
         that do not vary.
     :ivar all_weights: likewise, with the points that do not vary.
     :ivar constant: the constant part of each control point, (N+2, U, K, 2) in units.
     """
 
-    def __init__(self, grid: Grid, piece: _Piece,
-                 ends: tuple[_Piece, _Piece] | None = None) -> None:
+    def __init__(self, grid: Grid, of_curve: bool) -> None:
         self.grid = grid
+        piece = _POINT if not of_curve else (
+            _SMOOTH if grid.scenario.limits_acceleration else _STRAIGHT)
         self.weights: Array = np.tile(piece, (grid.slots + 2, len(grid.scenario.uavs), 1, 1))
-        if ends is not None:
-            self.weights[0], self.weights[-1] = ends
+        if not of_curve:
+            self.weights[0], self.weights[-1] = _SMOOTH[:1], _SMOOTH[2:]
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
         self._close_ends()
         self.all_weights = self.weights.copy()
         self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
         self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
         self.weights[:, grid.fixed] = 0.0
-
-    @classmethod
-    def from_curve(cls, grid: Grid) -> 'ControlPoints':
-        """Return the control points of the flown curve."""
-        return cls(grid, _SMOOTH if grid.scenario.limits_acceleration else _STRAIGHT)
-
-    @classmethod
-    def from_points(cls, grid: Grid) -> 'ControlPoints':
-        """Return the points themselves, with the curve's ends in place of start and goal."""
-        return cls(grid, _POINT, _ENDS)
 
     def _close_ends(self) -> None:
         """Express the points before the first and after the last by those of the flight."""
@@ -120,6 +110,7 @@ class LineLimit(Limit):
 
     :param first: the UAV of each pair, (G,).
     :param second: the UAV whose piece is subtracted, (G,), or None.
+    :param of_curve: whether the control points are those of the curve; see ControlPoints.
     :ivar points: the ControlPoints of all curves.
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
@@ -127,21 +118,19 @@ class LineLimit(Limit):
     constrains_positions = True
 
     def __init__(self, grid: Grid, first: NDArray[np.intp],
-                 second: NDArray[np.intp] | None = None) -> None:
+                 second: NDArray[np.intp] | None = None, of_curve: bool = True) -> None:
         super().__init__(grid)
-        self.points, self.first, self.second = self._make_points(), first, second
+        self.points = ControlPoints(grid, of_curve)
+        self.first, self.second = first, second
         constant: NDArray[np.bool_] = np.all(self.points.weights == 0, axis=-1)
         self.ignored = np.ascontiguousarray(constant[:, first])
         if second is not None:
             self.ignored &= constant[:, second]
 
-    def _make_points(self) -> ControlPoints:
-        return ControlPoints.from_curve(self.grid)
-
     @cached_property
     @abstractmethod
     def compiled(self) -> core.LineLimit:
-        """Return the kernel's limit."""
+        """Return the kernel's form."""
 
     def choose_lines(self, path: Array) -> Lines:
         """
@@ -166,7 +155,7 @@ class LineLimit(Limit):
         return lines
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Leave it to Plan, which checks the flown curve by itself."""
+        """Leave it to Plan, which checks the flown curve."""
 
     def control_points(self, path: Array, pairs: Any = slice(None)) -> Array:
         """Return the control points p of pairs, by default of all, (N+2, G, K, 2)."""

@@ -51,7 +51,6 @@ class NormLimit(Limit):
 
     @property
     def compiled(self) -> core.NormLimit:
-        """Return the kernel's NormLimit."""
         return core.NormLimit(
             self.grid.slots, order=self.order,
             square=(self.longest / self.grid.length)**2, ignored=self.absent | self.grid.fixed,
@@ -70,7 +69,6 @@ class NormLimit(Limit):
         """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Check every difference of a plan; see Limit."""
         lengths = self._lengths(positions)
         tolerance = max(POSITION_TOLERANCE, _ROUNDING * np.abs(positions).max())
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
@@ -128,7 +126,6 @@ class SpeedLimit(NormLimit):
                 f'at most {round_down(self.longest[uav], 9):.9g} m are allowed')
 
     def differences(self, positions: Array) -> Array:
-        """Return the moves, (U, N+1, 2)."""
         return np.diff(positions, axis=1)
 
 
@@ -150,7 +147,6 @@ class AccelerationLimit(NormLimit):
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
-        """Return True if the UAVs have a limit of acceleration."""
         return airspace.scenario.limits_acceleration
 
     def _longest(self) -> Array:
@@ -163,6 +159,5 @@ class AccelerationLimit(NormLimit):
                 f'point {point}; at most {most:.9g} m/s^2 are allowed')
 
     def differences(self, positions: Array) -> Array:
-        """Return the second differences, (U, N+2, 2)."""
         first, last = self._end_moves[:, :, None]
         return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)

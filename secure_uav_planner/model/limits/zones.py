@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .lines import ControlPoints, LineLimit, Lines
+from .lines import LineLimit, Lines
 from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
@@ -28,7 +28,7 @@ class FenceLimit(LineLimit):
     def __init__(self, grid: Grid) -> None:
         outward, offsets = grid.airspace.hull
         uavs = len(grid.scenario.uavs)
-        super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)))
+        super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), of_curve=False)
         self._normals: Array = np.tile(-outward, (uavs, 1))
         self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
         number = np.arange(self.grid.slots + 2.0)[:, None]
@@ -41,15 +41,10 @@ class FenceLimit(LineLimit):
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
-        """Return True if there is a fence."""
         return airspace.scenario.geofence is not None
-
-    def _make_points(self) -> ControlPoints:
-        return ControlPoints.from_points(self.grid)
 
     @cached_property
     def compiled(self) -> core.FenceLimit:
-        """Return the kernel's limit."""
         return core.FenceLimit(self.points.compiled, self.first, self.ignored, self._normals,
                                self._offsets)
 
@@ -74,12 +69,10 @@ class ZoneLimit(LineLimit):
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
-        """Return True if there is an obstacle at the altitude of any UAV."""
         return any(airspace.obstacles)
 
     @cached_property
     def compiled(self) -> core.ZoneLimit:
-        """Return the kernel's limit."""
         return core.ZoneLimit(self.points.compiled, self.first, self.ignored, self._polygons)
 
 
@@ -104,12 +97,10 @@ class SeparationLimit(LineLimit):
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
-        """Return True if any two UAVs can come too close."""
         return bool(airspace.separations.any())
 
     @cached_property
     def compiled(self) -> core.SeparationLimit:
-        """Return the kernel's limit."""
         assert self.second is not None
         return core.SeparationLimit(self.points.compiled, self.first, self.second, self.ignored,
                                     self._radii)

@@ -1,13 +1,13 @@
 """Flights to hovering places and on to the goals, also around obstacles."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import combinations, islice, pairwise, permutations, product
 import math
 
 import numpy as np
 
 from ..deadline import DeadlineCheck
-from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import MOST_ROUTES, VisibilityGraph
 from ...model.cone_program import minimise_utilisation
@@ -156,7 +156,10 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     if len(routes) <= route:
         return None
     length = _measure_length(routes[route])
-    return _locate(routes[route], _pace_route(uav, length, scenario))
+    vehicle = replace(uav.vehicle, displacement=(length, 0.0), start_velocity=(0.0, 0.0),
+                      goal_velocity=(0.0, 0.0))
+    return _locate(routes[route], vehicle.fly_straight(
+        scenario.slots, scenario.slot_duration)[:, 0])
 
 
 def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
@@ -212,13 +215,6 @@ def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> I
     # Many UAVs have too many combinations: only that of the shortest routes is tried.
     for chosen in islice(product(*choices), None if len(choices) <= 3 else 1):
         yield np.stack(chosen)
-
-
-def _pace_route(uav: Uav, length: float, scenario: Scenario) -> Array:
-    """Return the distances flown along a route with the least utilisation, (N+2,) in m."""
-    vehicle = Vehicle((length, 0.0), uav.max_speed, uav.vehicle.max_acceleration,
-                      start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
-    return np.asarray(vehicle.fly_straight(scenario.slots, scenario.slot_duration)[:, 0])
 
 
 def _turn_back(graph: VisibilityGraph, out: Array, goal: Array,
