@@ -272,7 +272,7 @@ class Clearance:
 
     @cached_property
     def _pieces(self) -> Pieces:
-        """The flight from its begin to its end, with arrays (U, K, 2)."""
+        """Pieces of the whole flight, with arrays (U, K, 2)."""
         curve = self._curve
         count = round((curve.end - curve.begin) / curve.piece)
         times = curve.begin + (np.arange(count) + 0.5) * curve.piece

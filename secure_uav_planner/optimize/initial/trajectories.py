@@ -1,6 +1,6 @@
 """Initial flights and powers: fly-hover-fly or an earlier plan's, or why a mission has none."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import chain
@@ -24,7 +24,6 @@ from ...model.grid import resample
 from ...model.problem import Problem
 from ...plan.plan import Plan
 
-_SHARE = 0.05  # Of its slack that a flight must leave to count.
 _LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
 _ACCURACY = 1e-6  # Of durations that the limits of speed and acceleration ask for,
 _ACCURACY_AROUND = 2e-4  # and of those around obstacles.
@@ -89,24 +88,14 @@ def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | N
     """Return flights near fly-hover-fly, or else near the direct ones, or None."""
     places = problem.routes.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
-    return _find_first(find_flights_near(problem, flights, raise_if_over) for flights in chain(
+    answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
         [wanted], generate_direct_flights(problem, raise_if_over)))
-
-
-def _search_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights from start to goal that are well inside all limits, or None."""
-    return _find_first(find_flights_near(problem, flights, raise_if_over, _SHARE)
-                       for flights in generate_direct_flights(problem, raise_if_over))
-
-
-def _find_first(answers: Iterable[Array | None]) -> Array | None:
     return next((flights for flights in answers if flights is not None), None)
 
 
-def _find_duration_around(
-        scenario: Scenario, duration: float, raise_if_over: DeadlineCheck,
-        search: Callable[[Problem, DeadlineCheck], Array | None]) -> float | None:
-    """Return a duration of at least the given one in which a search finds flights, or None."""
+def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: DeadlineCheck
+                          ) -> float | None:
+    """Return a duration of at least the given one in which flights are found, or None."""
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
@@ -114,7 +103,8 @@ def _find_duration_around(
         longer = replace(scenario, duration=duration)
         utilisations = find_least_utilisations(longer, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
-        return 0.5 if has_time and search(Problem(longer), raise_if_over) is not None else 2.0
+        found = has_time and _search_flights(Problem(longer), raise_if_over) is not None
+        return 0.5 if found else 2.0
 
     # From rest to rest, a longer flight is always easier.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
@@ -160,7 +150,7 @@ def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoRe
     if math.isfinite(least):
         # What each UAV needs alone may not be enough for all.
         try:
-            enough = _find_duration_around(scenario, least, raise_if_over, _search_flights)
+            enough = _find_duration_around(scenario, least, raise_if_over)
         except TimeLimitError:
             enough = None
             obstructions = [obstruction._replace(shortest=math.nan)
@@ -197,13 +187,12 @@ def _find_obstructions(scenario: Scenario, number: int,
         yield _Obstruction(uav, number, math.inf, (
             f'no way leads {uav.name} from start to goal: {names} is in its way'))
     elif (names or scenario.geofence is not None) and (
-            _search_direct_flights(alone, raise_if_over) is None):
+            _search_flights(alone, raise_if_over) is None):
         around = f' around {names}' if names else ''
         if scenario.geofence is not None and GEOFENCE not in names:
             around += f' inside {GEOFENCE}'
         try:
-            shortest = _find_duration_around(
-                alone.scenario, scenario.duration, raise_if_over, _search_direct_flights)
+            shortest = _find_duration_around(alone.scenario, scenario.duration, raise_if_over)
         except TimeLimitError:
             searched = 'in the time for the search'
         else:
