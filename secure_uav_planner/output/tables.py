@@ -8,7 +8,6 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 import shapely
 
 from ..errors import OptionError
@@ -130,45 +129,41 @@ def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
                           'Earth the plan is', ('scenario', 'origin'))
     features = []
 
-    def add(kind: str, geometry: str, points: ArrayLike, name: str = '', **properties: Any
-            ) -> None:
-        latitudes, longitudes = origin.to_geographic(*np.transpose(points))
-        places = np.stack([longitudes, latitudes], axis=-1).tolist()
-        features.append({
-            'type': 'Feature', 'properties': {'kind': kind, 'name': name, **properties},
-            'geometry': {'type': geometry,
-                         'coordinates': [places] if geometry == 'Polygon' else places}})
+    def to_degrees(points: Any) -> Any:
+        latitudes, longitudes = origin.to_geographic(*points.T)
+        return np.column_stack([longitudes, latitudes])
 
-    def add_polygon(kind: str, shape: Any, **properties: Any) -> None:
-        ring = shapely.geometry.polygon.orient(shape).exterior  # RFC 7946: counter-clockwise.
-        add(kind, 'Polygon', ring.coords, **properties)
+    def add(kind: str, shape: Any, name: str = '', **properties: Any) -> None:
+        if shape.geom_type == 'Polygon':  # RFC 7946: counter-clockwise.
+            shape = shapely.geometry.polygon.orient(shape)
+        features.append({'type': 'Feature', 'properties': {
+            'kind': kind, 'name': name, **properties},
+            'geometry': shapely.geometry.mapping(shapely.transform(shape, to_degrees))})
 
     for uav in scenario.uavs:
         _, _, times, x, y, _, _, _, powers, *_ = zip(
             *(row for row in rows if row[0] == uav.name))
-        add('path', 'LineString', np.transpose([x, y]), uav.name, altitude=uav.altitude,
+        add('path', shapely.LineString(np.transpose([x, y])), uav.name, altitude=uav.altitude,
             times=times, powers=powers)
     for name, node in zip(scenario.ground_node_names, scenario.ground_nodes, strict=True):
-        add('ground_node', 'Point', node.position, name if scenario.ground_node is None else '')
+        add('ground_node', shapely.Point(node.position),
+            name if scenario.ground_node is None else '')
     for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
         centre = shapely.Point(eve.position)
-        if eve.error_radius:
-            add_polygon('eavesdropper', centre.buffer(eve.error_radius), name=name,
-                        error_radius=eve.error_radius)
-        else:
-            add('eavesdropper', 'Point', eve.position, name, error_radius=0.0)
+        add('eavesdropper', centre.buffer(eve.error_radius) if eve.error_radius else centre, name,
+            error_radius=eve.error_radius)
     for name, receiver in zip(
             (*scenario.ground_node_names, *scenario.eavesdropper_names),
             (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True):
         if receiver.track is not None:
             times, x, y, *radii = zip(*receiver.track)
-            add('track', 'LineString', np.transpose([x, y]), name, times=times,
+            add('track', shapely.LineString(np.transpose([x, y])), name, times=times,
                 radii=radii[0] if radii else None)
     for name, zone in zip(scenario.zone_names, scenario.no_fly_zones, strict=True):
-        add_polygon('zone', shapely.Polygon(zone.vertices), name=name, floor=zone.floor,
-                    ceiling=zone.ceiling if zone.ceiling < math.inf else None)
+        add('zone', shapely.Polygon(zone.vertices), name, floor=zone.floor,
+            ceiling=zone.ceiling if zone.ceiling < math.inf else None)
     if scenario.geofence is not None:
-        add_polygon('geofence', shapely.Polygon(scenario.geofence))
+        add('geofence', shapely.Polygon(scenario.geofence))
     with atomic_file(path) as file:
         json.dump({'type': 'FeatureCollection', 'features': features}, file, allow_nan=False)
 
