@@ -16,12 +16,11 @@ import time
 from typing import Any, BinaryIO, TYPE_CHECKING
 
 from .campaign_file import load_campaign
-from .cli import DONE, FAILED
 from .missions import load_input, make_folder
 from .planning import drawing_if_possible
 from .results import make_frame, save_figure, save_tables
 from .tasks import COLUMNS, ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
-from ..errors import brief, OptionError, quote, StoppedError
+from ..errors import brief, OptionError, PlanningError, quote, StoppedError
 from ..mission.files import naming
 
 if TYPE_CHECKING:
@@ -230,9 +229,9 @@ def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
             yield task
 
 
-def run_sweep(options: argparse.Namespace) -> int:
-    """Run the campaign of a file and summarise it; return the exit status."""
-    campaign = load_input(options.mission, load_campaign, OptionError)
+def run_sweep(options: argparse.Namespace) -> None:
+    """Run the campaign of a file and summarise it."""
+    campaign = load_input(options.mission, load_campaign)
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.
     try:
@@ -255,7 +254,5 @@ def run_sweep(options: argparse.Namespace) -> int:
         print(f'written: {out / journal_name(options.shard)}; when all shards are, the same '
               'command without --shard makes the tables')
     if lost := [row for row in rows if _is_lost(row)]:
-        print(f'secure_uav_planner: {len(lost)} missions failed for reasons outside of them, '
-              f'and the same command plans them again: {lost[0]["reason"]}', file=sys.stderr)
-        return FAILED
-    return DONE
+        raise PlanningError(f'{len(lost)} missions failed for reasons outside of them, and the '
+                            f'same command plans them again: {lost[0]["reason"]}')

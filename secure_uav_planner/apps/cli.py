@@ -83,9 +83,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         with name_missing_package():
             run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        status = run(options)
+        run(options)
         sys.stdout.flush()  # A closed pipe is an error here, not at exit.
-        return status
+        return DONE
     except MissionFileError as error:
         for line, text in error.problems:
             _print_error(f'{options.mission}{"" if line is None else f":{line}"}: {text}')

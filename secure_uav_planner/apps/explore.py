@@ -1,7 +1,7 @@
 """The page of `explore`: a mission to drag and its best plan, for a browser of this computer."""
 
 import argparse
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import partial
 import logging
@@ -20,7 +20,6 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from werkzeug.serving import make_server
 
-from .cli import DONE
 from .editing import (
     add_member, drag, list_handles, Mission, read_field, remove_member, set_field, to_mission)
 from .missions import load_input
@@ -41,6 +40,7 @@ _PROGRESS_DELAY = 0.3  # s without a plan after which the progress is shown inst
 _MOST_STEPS = 100  # That can be undone.
 _MISSION, _PLAN = 'mission.yaml', 'plan.json'
 _ADDED = ('eavesdropper', 'jammer', 'zone')
+_SOLVES = ThreadPoolExecutor()
 
 _slider = partial(dcc.Slider, marks=None)
 _FIELDS = {
@@ -132,33 +132,30 @@ class Editor:
 
     def solve(self) -> Future[Plan]:
         """
-        Return the solve of the mission as it is now, in a thread that ends with its mission.
+        Return the solve of the mission as it is now, in a thread, which ends with its mission.
 
         :raises ScenarioError: for what is wrong with the mission.
         """
         with self._lock:
             if self._solve is None:
-                scenario, self._solve = Scenario.from_dict(self.mission), Future()
+                scenario = Scenario.from_dict(self.mission)
                 self.progress = 'planning ...'
-                threading.Thread(target=self._run, args=(self._solve, scenario)).start()
+                self._solve = _SOLVES.submit(self._plan, self.mission, scenario)
             return self._solve
 
-    def _run(self, future: Future[Plan], scenario: Scenario) -> None:
+    def _plan(self, mission: Mission, scenario: Scenario) -> Plan:
         def report(iteration: Iteration) -> bool:
-            if future is self._solve:
+            if self.mission is mission:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '
                                  f'{iteration.elapsed:.1f} of at most {_TIME_LIMIT:g} s')
             # At the end of the program, too, whose threads may not run on in the kernel.
-            return future is not self._solve or not threading.main_thread().is_alive()
+            return self.mission is not mission or not threading.main_thread().is_alive()
 
-        try:
-            future.set_result(solve(scenario, on_iteration=report, time_limit=_TIME_LIMIT))
-        except Exception as error:
-            future.set_exception(error)
+        return solve(scenario, on_iteration=report, time_limit=_TIME_LIMIT)
 
 
-def explore_mission(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; return the exit status."""
+def explore_mission(options: argparse.Namespace) -> None:
+    """Serve the page until Ctrl-C."""
     scenario = load_input(options.mission or str(EXAMPLE))
     try:
         listener = socket.create_server((_HOST, options.port))
@@ -175,7 +172,6 @@ def explore_mission(options: argparse.Namespace) -> int:
     threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     with suppress(KeyboardInterrupt):
         server.serve_forever()
-    return DONE
 
 
 def make_app(scenario: Scenario, port: int) -> Dash:

@@ -10,9 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from .cli import DONE
 from ..assessment import assess
-from ..errors import InfeasibleMissionError, OptionError, PlanningError, ScenarioError
+from ..errors import InfeasibleMissionError, OptionError
 from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.propagation import reference_snr_db
@@ -34,14 +33,13 @@ _FAR = 50.0  # Lengths of a short track.
 _Content = TypeVar('_Content')
 
 
-def load_input(path: str, load: Callable[[str], _Content] = Scenario.load,
-               kind: type[PlanningError] = ScenarioError) -> _Content:
-    """Load a file; if it cannot be read, raise this kind of error."""
+def load_input(path: str, load: Callable[[str], _Content] = Scenario.load) -> _Content:
+    """Load a file; raise an OptionError if it cannot be read."""
     try:
         return load(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
-        raise kind(f'{path} cannot be read: {reason}') from None
+        raise OptionError(f'{path} cannot be read: {reason}') from None
 
 
 def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
@@ -76,8 +74,8 @@ def _refusing(text: str, advice: str = '') -> Iterator[None]:
         raise OptionError(f'{text}: {error.strerror or error}{advice}') from None
 
 
-def create_mission(options: argparse.Namespace) -> int:
-    """Write the example; return the exit status."""
+def create_mission(options: argparse.Namespace) -> None:
+    """Write the example."""
     path = Path(options.mission)
     if path.is_dir():
         raise OptionError(
@@ -89,11 +87,10 @@ def create_mission(options: argparse.Namespace) -> int:
     with _refusing(f'{path} cannot be written'), atomic_file(path) as file:
         file.write(EXAMPLE.read_text(encoding='utf-8'))
     print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
-    return DONE
 
 
-def check_mission(options: argparse.Namespace) -> int:
-    """Report all that is wrong with a mission; return the exit status."""
+def check_mission(options: argparse.Namespace) -> None:
+    """Report all that is wrong with a mission."""
     scenario = load_input(options.mission)
     with locating_errors(options.mission):
         plan = fly_hover_fly(lift_limits(scenario))
@@ -117,7 +114,6 @@ def check_mission(options: argparse.Namespace) -> int:
         print(f'note: {note}', file=sys.stderr)
     if options.autopilot:
         print(*_autopilot_advice(options.autopilot, scenario), sep='\n')
-    return DONE
 
 
 def _note_tracks(scenario: Scenario) -> Iterator[str]:
@@ -199,9 +195,8 @@ def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
             yield f'{uavs}: {text} (default {parameter.default:g}, at most {parameter.most:g})'
 
 
-def print_link_budget(options: argparse.Namespace) -> int:
-    """Print the reference SNR; return the exit status."""
+def print_link_budget(options: argparse.Namespace) -> None:
+    """Print the reference SNR."""
     snr = reference_snr_db(options.carrier_hz, options.bandwidth_hz, options.noise_figure_db,
                            options.transmit_gain_dbi, options.receive_gain_dbi)
     print(f'reference_snr_db: {snr:.2f}')
-    return DONE

@@ -10,7 +10,6 @@ import sys
 import time
 from typing import Any
 
-from .cli import DONE
 from .missions import choose_picture, load_input, locating_errors, make_folder, SHORTFALL_DRAWS
 from ..assessment import assess, World
 from ..bound import explain_refusal, shortest_duration, upper_bound
@@ -93,8 +92,8 @@ def drawing_if_possible(file: Path) -> Iterator[None]:
               else error, file=sys.stderr)
 
 
-def make_plan(options: argparse.Namespace) -> int:
-    """Plan a mission and write the results; return the exit status."""
+def make_plan(options: argparse.Namespace) -> None:
+    """Plan a mission and write the results."""
     scenario = load_input(options.mission)
     if options.mcap:
         with name_missing_package():
@@ -129,7 +128,6 @@ def make_plan(options: argparse.Namespace) -> int:
     print(f'written: {", ".join(map(str, progress.written))}')
     if progress.is_stopped:
         raise StoppedError('stopped; what has been found is kept')
-    return DONE
 
 
 def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progress) -> Plan:
@@ -194,19 +192,18 @@ def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
         save_picture(plan, file, baselines)
 
 
-def show_plan(options: argparse.Namespace) -> int:
-    """Draw a plan and print its rates; return the exit status."""
+def show_plan(options: argparse.Namespace) -> None:
+    """Draw a plan and print its rates."""
     plan = Plan.load(options.plan)
     file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE))
     print(rate_table([plan]))
     with drawing(file):
         _save_view(plan, file, [])
     print(f'written: {file}')
-    return DONE
 
 
-def assess_plan(options: argparse.Namespace) -> int:
-    """Assess a plan; return the exit status."""
+def assess_plan(options: argparse.Namespace) -> None:
+    """Assess a plan."""
     plan = Plan.load(options.plan)
     file = choose_picture(options, '.assess.png', _PICTURES)
     assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
@@ -215,7 +212,6 @@ def assess_plan(options: argparse.Namespace) -> int:
         from ..output.figures import save_assessment
         save_assessment(assessment, file)
         print(f'\nwritten: {file}')
-    return DONE
 
 
 def _parse_world(options: argparse.Namespace, plan: Plan) -> World:

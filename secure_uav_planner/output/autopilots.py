@@ -34,8 +34,8 @@ _GRAVITY = 9.81  # In m/s^2.
 _DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
 # In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
 _RESERVE = 4 / 3  # Least ratio of a limit to the plan's: without it a delay is never made up.
-_SPEED, _ACCELERATION = 1.5, 1.6  # Recommended ratios, as flown with 3 m/s^2.
-_STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # Of recommended values.
+# Recommended ratios, as flown with 3 m/s^2, and steps of recommended values.
+_RECOMMENDED = {'speed': (1.5, 0.5), 'acceleration': (1.6, 0.5), 'lean': (_RESERVE, 5.0)}
 
 
 @dataclass(frozen=True)
@@ -341,16 +341,17 @@ class Parameter:
 
     def least(self, speed: float, acceleration: float) -> float:
         """Return the least value, with a reserve, for a plan with limits in m/s and m/s^2."""
-        return self.factor * {
-            'speed': _RESERVE * speed, 'acceleration': _RESERVE * acceleration,
-            'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
+        return self.factor * self._scale(speed, acceleration, _RESERVE)
 
     def recommended(self, speed: float, acceleration: float) -> float:
         """Return a round value, at most `most`, with which the vehicle makes up for a delay."""
-        value = {'speed': _SPEED * speed, 'acceleration': _ACCELERATION * acceleration,
-                 'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
-        step = _STEPS[self.limits]
+        ratio, step = _RECOMMENDED[self.limits]
+        value = self._scale(speed, acceleration, ratio)
         return min(self.most, self.factor * step * math.ceil(value / step))
+
+    def _scale(self, speed: float, acceleration: float, ratio: float) -> float:
+        return {'speed': ratio * speed, 'acceleration': ratio * acceleration,
+                'lean': lean(speed, acceleration, ratio)}[self.limits]
 
 
 AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
