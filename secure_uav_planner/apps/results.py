@@ -25,7 +25,7 @@ _UNITS = {field.name: field.metadata['unit']
           for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
           for field in fields(kind)}
 _MOST_LINES = 6  # Of values of a second field, and panels of a third and a fourth.
-_PANELS = 'third', 'fourth'
+_LATER = 'second', 'third', 'fourth'
 _LABEL_WIDTH = 40  # In characters.
 
 
@@ -105,24 +105,25 @@ def draw_figure(rows: Sequence[Row]) -> Any:
 def _draw_figure(rows: Sequence[Row]) -> Any:
     from pandas import DataFrame
     from ..output.figures import Picture
-    name, second, third, fourth = _choose_fields(rows)
+    name, *later = _choose_fields(rows)
+    is_split = later[1] is not None
     rates = [rate for rate in OBJECTIVES if any(row['objective'] == rate for row in rows)]
     frame = DataFrame([{
         'objective': row['objective'], 'rate': row[f'{row["objective"]}_rate'],
-        'promise': _promise(row), 'method': row['method'], 'x': row['fields'].get(name),
-        **{part: '' if field is None else _value_label(row, field) for part, field in (
-            ('second', second), ('third', third), ('fourth', fourth))}} for row in rows],
-        columns=['objective', 'rate', 'promise', 'method', 'x', 'second', 'third', 'fourth'])
+        'promise': row.get('promise') or 'guaranteed',  # Which rows of version 0.1.0 lack.
+        'method': row['method'], 'x': row['fields'].get(name),
+        **{part: _label_value(row, field) for part, field in zip(_LATER, later)}}
+        for row in rows], columns=['objective', 'rate', 'promise', 'method', 'x', *_LATER])
     if frame.promise.nunique() > 1:
         frame.method += ', ' + frame.promise
-    columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _PANELS)
+    columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _LATER[1:])
     # Few panels are large; rates without a third field are beside each other.
     places = [(rate, line, column) for line in lines for rate in rates for column in columns]
-    width = max(1, len(rates) if third is None else len(columns))
+    width = max(1, len(columns) if is_split else len(rates))
     height = max(1, len(places) // width)
     figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
                               4.8 if height == 1 else 3.2 * height), layout='constrained')
-    grid = figure.subplots(height, width, sharey=name is not None, sharex=third is not None,
+    grid = figure.subplots(height, width, sharey=name is not None, sharex=is_split,
                            squeeze=False)
     for axes, (rate, line, column) in zip(grid.flat, places):
         group = frame[(frame.objective == rate) & (frame.third == column)
@@ -137,14 +138,14 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
             _draw_lines(axes, frame, group)
         axes.set_xlabel(label if name is None else f'{name} ({_unit(name)})'.removesuffix(' ()'))
         axes.set_ylabel('missions' if name is None else label)
-        if third is not None:
+        if is_split:
             axes.set_title('\n'.join(filter(None, (column, line))), fontsize=9)
             axes.label_outer()
         axes.grid(alpha=0.3)
     if rates:  # A legend for all axes, above them, where it covers nothing.
         handles = {label: handle for axes in grid.flat
                    for handle, label in zip(*axes.get_legend_handles_labels())}
-        rest = [field for field in rows[0]['fields'] if field not in (name, second, third, fourth)]
+        rest = [field for field in rows[0]['fields'] if field not in (name, *later)]
         bands = 'lines: medians; bands: from 10 to 90% of the missions' + (
             f', over {", ".join(rest)}' if rest else '')
         figure.legend(handles.values(), handles.keys(), loc='outside upper left', fontsize=8,
@@ -167,13 +168,9 @@ def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
                           linewidth=0)
 
 
-def _promise(row: Row) -> str:
-    """Return the promise of the channel; rows of version 0.1.0 lack it and are guarantees."""
-    return row.get('promise') or 'guaranteed'
-
-
-def _value_label(row: Row, field: str) -> str:
-    return f'{field} {json.dumps(row["fields"][field])} {_unit(field)}'.rstrip()
+def _label_value(row: Row, field: str | None) -> str:
+    return '' if field is None else (
+        f'{field} {json.dumps(row["fields"][field])} {_unit(field)}'.rstrip())
 
 
 def _unit(field: str) -> str:

@@ -104,16 +104,13 @@ def draw_page(plan, baselines=()):
         go.Frame(name=str(point), traces=numbers, data=[
             *content.moving_traces(point),
             *(trace for trace, _ in content.cursor_traces(point))]) for point in points]
-    _label_axes(figure, map_extent(plan.scenario, [plan, *baselines]).T.tolist(), content.peak)
+    east, north = map_extent(plan.scenario, [plan, *baselines]).T.tolist()
+    figure.update_xaxes(title_text='east (m)', range=east, constrain='domain', row=1, col=1)
+    figure.update_yaxes(title_text='north (m)', range=north, constrain='domain',
+                        constraintoward='top', scaleanchor='x', row=1, col=1)
+    label_charts(figure, content.peak, 2)
     _add_controls(figure, content, points)
     return figure
-
-
-def _label_axes(figure, ranges, peak):
-    figure.update_xaxes(title_text='east (m)', range=ranges[0], constrain='domain', row=1, col=1)
-    figure.update_yaxes(title_text='north (m)', range=ranges[1], constrain='domain',
-                        constraintoward='top', scaleanchor='x', row=1, col=1)
-    label_charts(figure, peak, 2)
 
 
 def _add_controls(figure, content, points):
