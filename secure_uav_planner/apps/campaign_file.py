@@ -174,7 +174,7 @@ class Campaign(Checked):
                     for owner, number in tracks):
                 yield ScenarioError(f'{name} is decided by a track that varies; vary its knots',
                                     ('vary', name))
-            elif not _resolve_field(self._base, name):
+            elif not any(_resolve_field(self._base, name)):
                 yield ScenarioError(
                     f'the mission has no field {quote(name)}; name it as duration, '
                     'uavs.0.max_speed or eavesdroppers.*.error_radius, and vary the knots of a '
@@ -300,17 +300,14 @@ def _make_plain(fields: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(dict(fields), default=convert))
 
 
-def _resolve_field(mission: Any, name: str) -> list[tuple[Any, Any]]:
-    """Return the owners and keys of the fields with a dotted name; `*` means all of a list."""
-    targets: list[tuple[Any, Any]] = [([mission], 0)]
-    for part in name.split('.'):
-        owners = [owner[key] for owner, key in targets]
-        targets = [(owner, key) for owner in owners for key in _match_keys(owner, part)]
-    return targets
-
-
-def _match_keys(owner: Any, part: str) -> list[Any]:
-    """Return the keys of a list or a mapping that a part of a dotted name means."""
+def _resolve_field(owner: Any, name: str) -> Iterator[tuple[Any, Any]]:
+    """Yield owner and key of each field with a dotted name; `*` means all of a list."""
+    part, _, rest = name.partition('.')
+    keys: list[Any] = [part] if isinstance(owner, dict) and part in owner else []
     if isinstance(owner, list):
-        return [key for key in range(len(owner)) if part in ('*', str(key))]
-    return [part] if isinstance(owner, dict) and part in owner else []
+        keys = [key for key in range(len(owner)) if part in ('*', str(key))]
+    for key in keys:
+        if rest:
+            yield from _resolve_field(owner[key], rest)
+        else:
+            yield owner, key

@@ -8,7 +8,6 @@ north-east-down with yaw clockwise from north, and in forward-right-down for the
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 import math
 from typing import Any, NamedTuple, TypeAlias
 
@@ -100,13 +99,6 @@ class Stack:
     states: Mapping[str, str]
     odometry: Callable[..., Fields]
     debian: str = ''
-
-
-@cache
-def _axes() -> tuple[Any, ...]:
-    """Return the rotations from ENU to NED, and from FLU to FRD of the body."""
-    return tuple(scipy.spatial.transform.Rotation.from_matrix(
-        [[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]], np.diag([1.0, -1.0, -1.0])]))
 
 
 def ned(vector: Vector) -> Vector:
@@ -214,10 +206,11 @@ def px4_odometry(message: Any) -> Fields:
     velocity = _vector(message.velocity)
     if message.velocity_frame == _VELOCITY_NED:
         velocity = _vector(body.inv().apply(velocity))
-    ned_axes, frd_axes = _axes()
-    x, y, z, w = (ned_axes * body * frd_axes).as_quat().tolist()
+    x, y, z, w = (math.sqrt(0.5) * body.as_quat()).tolist()
+    # The product of the rotations from NED to ENU, of the body, and from FLU to FRD.
+    orientation = {'x': x + y, 'y': x - y, 'z': w - z, 'w': w + z}
     return {'pose': {'pose': {'position': _xyz(ned(_vector(message.position))),
-                              'orientation': {**_xyz((x, y, z)), 'w': w}}},
+                              'orientation': orientation}},
             'twist': {'twist': {'linear': _xyz(_flu(velocity)),
                                 'angular': _xyz(_flu(_vector(message.angular_velocity)))}}}
 
