@@ -46,14 +46,27 @@ class PlanningError(Exception):
         return format_path(self.place)
 
 
+def prefix_error(error: PlanningError, *path: str | int, owner: str = '') -> None:
+    """
+    Prefix the path of an error and of its further ones, which are of a part of a value.
+
+    A text that begins with a blank, a bracket or a dot follows the name of the value, and gets it.
+
+    :param owner: prefix of the texts, and of the name.
+    """
+    for item in (error, *getattr(error, 'further', ())):
+        name = format_path(path) if str(item).startswith((' ', '[', '.')) else ''
+        item.args = (f'{owner}{name}{item}',)
+        item.place = (*path, *item.place)
+
+
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Prefix the path of an error that leaves the with statement."""
+    """Prefix the path of an error that leaves the with statement; see prefix_error."""
     try:
         yield
     except PlanningError as error:
-        for item in (error, *getattr(error, 'further', ())):
-            item.place = (*path, *item.place)
+        prefix_error(error, *path)
         raise
 
 

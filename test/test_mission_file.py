@@ -128,11 +128,11 @@ colluding: maybe
         (1, 'mission lacks slots'),
         (2, "mission has no field 'eavesdropper'; did you mean eavesdroppers?"),
         (4, "error_radius is '10 m'; it must be a number from 0 to 1e+07, in m, without"),
-        (6, 'uavs[0]: UAV lacks altitude'),
+        (6, 'uavs[0] lacks altitude'),
         (8, 'a.goal is [1000.0]; it must be two coordinates'),
         (10, 'a.peak_power is 4.0; it must be at least average_power, which is 5.0'),
         (17, "'altitude' comes twice"), (18, 'c.max_speed is [10]; it must be a number'),
-        (19, "uavs[2]: UAV has no field 'hover'"),
+        (19, "uavs[2] has no field 'hover'"),
         (21, "c.propulsion.blade_power is '70 W'; it must be a number from 0 to 1e+06, in W, "
          'without its unit'),
         (22, "c.propulsion has no field 'solid'; did you mean solidity?"),
@@ -214,7 +214,7 @@ def test_plans_parameter_files_and_campaigns_are_recognised(tmp_path):
 def test_a_wrong_member_does_not_hide_the_errors_of_another(tmp_path, member):
     data = change_values(RICH.to_dict(), {'uavs/0': member, 'uavs/1/start': [2e9, 0.0]})
     problems = load_problems(write_file(tmp_path, json.dumps(data), 'a.json'))
-    assert any(text.startswith('uavs[0]: UAV is ') for _, text in problems), problems
+    assert any(text.startswith('uavs[0] is ') for _, text in problems), problems
     assert any('uav2.start is ' in text for _, text in problems)
 
 

@@ -83,7 +83,7 @@ MISSIONS = [
     (PAPER, {'ground_node': None}, 'ground_node', 'must be two coordinates'),
     (PAPER, {'slots': 2.5}, 'slots', 'must be a whole number'),
     (PAPER, {'eavesdroppers': ()}, 'eavesdroppers', 'a list of 1 to 32 Eavesdropper'),
-    (PAPER, {'uavs': [1]}, 'uavs[0]', 'Uav is 1'),
+    (PAPER, {'uavs': [1]}, 'uavs[0]', 'is 1; it must be a Uav or'),
     (PAPER, {'uavs': accelerate(None, 2.0)}, 'uavs[0].max_acceleration', 'all uavs have'),
     (PAPER, {'uavs': accelerate(2.0, None)}, 'uavs[1].max_acceleration', 'all uavs have'),
     (PAPER, {'channel': 'urban'}, 'channel', 'must be a Channel or a mapping'),
@@ -91,7 +91,7 @@ MISSIONS = [
     (FADING, {'exponent': True}, 'exponent', 'channel.exponent is True'),
     (FADING, {'los': 'city'}, 'los', 'suburban, urban, dense_urban, highrise, or three numbers'),
     (FADING, {'los': (1, 2)}, 'los', ''),
-    (FADING, {'los': (9.61, 0.16, -1)}, 'los', 'channel.los_loss_db is -1; it must be'),
+    (FADING, {'los': (9.61, 0.16, -1)}, 'los', 'channel.los.loss_db is -1; it must be'),
     (FADING, {'cautious': 1}, 'cautious', 'true or false'),
     (FADING, {'rician_k_db': None}, 'rician_k_db', 'as channel.outage is 0.1'),
     (FADING, {'outage': None}, 'outage', 'as channel.rician_k_db is one'),
@@ -225,7 +225,7 @@ OPTIONS = [
 PLANS = [
     *((PLAN, {'start_ns': start}, 'start_ns', '') for start in (-5, 2**63 - 1, 1.5, True)),
     (PLAN, {'positions': np.zeros((2, 103, 2))}, 'positions', ''),
-    (PLAN, {'powers': 'x'}, 'powers', ''), (PLAN, {'history': (5,)}, 'history', 'must be'),
+    (PLAN, {'powers': 'x'}, 'powers', ''), (PLAN, {'history': (5,)}, 'history[0]', 'must be'),
     *((PLAN.with_bound, {'bound': bound}, 'bound', 'must be None or a Bound of') for bound in (
         3.0, Bound(Scenario.paper(105, slots=13), 3.0))),
     *((partial(change_plan, field), {'index': index, 'value': value}, '', text)

@@ -9,15 +9,17 @@ same within a version; they have not changed from NumPy 1.26 to the newest, whic
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any
 
 import numpy as np
 
-from ..errors import OptionError, quote, ScenarioError
+from ..errors import OptionError, quote
 from ..mission import LOCATION_MODELS, LocationModel
 from ..mission.fields import (
-    Block, Checked, checked_by, checked_fields, checked_point, Choice, FieldChecks, number, Point)
+    Block, check_items, Checked, checked_by, checked_point, Choice, FieldChecks, number, Point,
+    read_object, refuse)
 from ..mission.propagation import Channel
 from ..mission.scenario import Array, Scenario
 
@@ -27,14 +29,12 @@ CONFIDENCE = 0.95
 _PLACES, _SIGHT, _FADING, _TRACKING = range(4)  # Kinds of draws.
 
 
-def _checked_pairs(owner: str, name: str, value: Any) -> tuple[Point, ...]:
-    """Return a list of pairs as tuples; a covariance has two."""
-    count = 2 if name == 'covariance' else None
+def _checked_pairs(value: Any, count: int | None = None) -> tuple[Point, ...]:
+    """Return a list of pairs as tuples."""
     if not isinstance(value, (tuple, list, np.ndarray)) or not 0 < len(value) or (
             count and len(value) != count):
-        raise ScenarioError(f'{owner}{name} is {quote(value)}; it must be a list of '
-                            f'{f"{count} " if count else ""}pairs', (name,))
-    return tuple(checked_point(owner, name, pair, index) for index, pair in enumerate(value))
+        raise refuse(value, f'a list of {f"{count} " if count else ""}pairs')
+    return check_items(value, checked_point)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class World(Checked):
 
     place: LocationModel = field(default='disc', metadata=checked_by(Choice(LOCATION_MODELS)))
     covariance: tuple[Point, Point] | None = field(
-        default=None, metadata=checked_by(_checked_pairs, 'm^2'))
+        default=None, metadata=checked_by(partial(_checked_pairs, count=2), 'm^2'))
     beyond: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
     positions: tuple[Point, ...] | None = field(
         default=None, metadata=checked_by(_checked_pairs, 'm'))
@@ -77,11 +77,7 @@ class World(Checked):
     tracking_std: float = field(default=0.0, metadata=number(0.0, 1e4, 'm'))
     tracking_time: float = field(default=2.0, metadata=number(0.0, 1e6, 's'))
 
-    def __post_init__(self) -> None:
-        try:
-            super().__post_init__()
-        except ScenarioError as error:
-            raise OptionError(str(error), error.place) from None
+    _ERROR = OptionError
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
@@ -114,10 +110,7 @@ class World(Checked):
 
         :raises OptionError: for an unknown field or a wrong value.
         """
-        try:
-            return cls(**checked_fields(cls, data))
-        except ScenarioError as error:
-            raise OptionError(str(error), error.place) from None
+        return read_object(cls, data, cls.__name__)  # type: ignore[no-any-return]
 
 
 def make_stream(seed: int, kind: int) -> np.random.Generator:

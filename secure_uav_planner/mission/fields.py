@@ -1,14 +1,13 @@
 """
 Fields of the dataclasses of a mission, whose metadata say what is allowed.
 
-The metadata of a field have its check and its unit. A check is called with a prefix and the name
-of the field, for messages, and with a value; it returns the value converted, or raises
-ScenarioError.
+The metadata of a field have its check and its unit. A check is called with a value; it returns the
+value converted, or raises ScenarioError, whose text follows the name of the field.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, Field, fields, MISSING
+from dataclasses import dataclass, fields, MISSING
 import difflib
 import math
 from types import NoneType, SimpleNamespace
@@ -17,13 +16,20 @@ from typing import Any, ClassVar, get_args, TypeAlias
 import numpy as np
 
 from .validation import is_sequence, name_type, to_number
-from ..errors import describe_class, quote, ScenarioError
+from ..errors import (
+    describe_class, format_path, OptionError, PlanningError, prefix_error, quote, ScenarioError)
 
 Point: TypeAlias = tuple[float, float]
 Metadata: TypeAlias = dict[str, Any]
 
 MAX_DISTANCE = 100e3
 """The largest distance of a place in degrees from the origin in m."""
+
+
+def refuse(value: object, allowed: str, *path: int) -> ScenarioError:
+    """Return the error of a value, or of the item at a path in it, and what is allowed."""
+    return ScenarioError(f'{format_path(path)} is {quote(value)}{name_type(value)}; it must be '
+                         f'{allowed}', path)
 
 
 @dataclass(frozen=True)
@@ -40,15 +46,13 @@ class Number:
     high: float
     unit: str = ''
 
-    def __call__(self, owner: str, field: str, value: Any) -> float:
+    def __call__(self, value: Any) -> float:
         number = to_number(value)
         if not self.low <= number <= self.high:
             suffix = f' {self.unit}' if self.unit else ''
             if isinstance(value, str):
                 suffix = f', in {self.unit}, without its unit' if self.unit else ', without a unit'
-            raise ScenarioError(
-                f'{owner}{field} is {quote(value)}; it must be a number from {self.low:g} to '
-                f'{self.high:g}{suffix}', (field,))
+            raise refuse(value, f'a number from {self.low:g} to {self.high:g}{suffix}')
         return number
 
 
@@ -56,11 +60,10 @@ class Number:
 class WholeNumber(Number):
     """The check of a whole number."""
 
-    def __call__(self, owner: str, field: str, value: Any) -> int:
-        number = super().__call__(owner, field, value)
+    def __call__(self, value: Any) -> int:
+        number = super().__call__(value)
         if not number.is_integer():
-            raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be a whole number',
-                                (field,))
+            raise refuse(value, 'a whole number')
         return int(number)
 
 
@@ -82,16 +85,13 @@ class Pair:
     noun: str = 'two coordinates'
     is_optional: bool = False
 
-    def __call__(self, owner: str, field: str, value: Any, index: int | None = None) -> Point:
-        """Return a value as floats; it has an index if the field is a list of pairs."""
+    def __call__(self, value: Any) -> Point:
         low, high = COORDINATE.low, COORDINATE.high
         x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2
         if not (low <= x <= high and low <= y <= high):
-            name, path = (field, ()) if index is None else (f'{field}[{index}]', (index,))
             allowed = f'{quote(None)} or {self.noun}' if self.is_optional else self.noun
-            raise ScenarioError(f'{owner}{name} is {quote(value)}{name_type(value)}; it must be '
-                                f'{allowed} (x, y) from {low:g} to {high:g} {self.unit}'
-                                f'{describe_degrees(value)}', (field, *path))
+            raise refuse(value, f'{allowed} (x, y) from {low:g} to {high:g} {self.unit}'
+                         f'{describe_degrees(value)}')
         return (x, y)
 
 
@@ -112,30 +112,30 @@ class Choice:
 
     names: tuple[str, ...]
 
-    def __call__(self, owner: str, field: str, value: Any) -> str:
+    def __call__(self, value: Any) -> str:
         if not isinstance(value, str) or value not in self.names:
-            raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be one of '
-                                f'{", ".join(self.names)}', (field,))
+            raise refuse(value, f'one of {", ".join(self.names)}')
         return value
 
 
 @dataclass(frozen=True)
-class Block:
-    """The check of an object of a class, also as a mapping of its fields."""
+class Instance:
+    """The check of an object of a class."""
 
     kind: type[Any]
 
-    def __call__(self, owner: str, field: str, value: Any) -> Any:
-        if isinstance(value, self.kind):
-            return value
-        errors = ErrorList()
-        with errors.collecting(field, owner=owner):
-            if not isinstance(value, Mapping):
-                raise ScenarioError(f'{field} is {quote(value)}; it must be a '
-                                    f'{describe_class(self.kind)} or a mapping of its fields')
-            value = read_object(self.kind, value)
-        raise_all(errors)
+    def __call__(self, value: Any) -> Any:
+        if not isinstance(value, self.kind):
+            raise refuse(value, f'a {describe_class(self.kind)}')
         return value
+
+
+@dataclass(frozen=True)
+class Block(Instance):
+    """The check of an object of a class, also as a mapping of its fields."""
+
+    def __call__(self, value: Any) -> Any:
+        return value if isinstance(value, self.kind) else read_object(self.kind, value)
 
 
 @dataclass(frozen=True)
@@ -146,44 +146,71 @@ class Members:
     least: int
     most: int
 
-    def __call__(self, owner: str, field: str, values: Any) -> tuple[Any, ...]:
+    def __call__(self, values: Any) -> tuple[Any, ...]:
         if not isinstance(values, (tuple, list)) or not self.least <= len(values) <= self.most:
-            raise ScenarioError(f'{owner}{field} is {quote(values)}; it must be a list of '
-                                f'{self.least} to {self.most} {describe_class(self.kind)}',
-                                (field,))
-        errors, members = ErrorList(), []
+            raise refuse(values, f'a list of {self.least} to {self.most} '
+                         f'{describe_class(self.kind)}')
+        errors, members, check = ErrorList(), [], Block(self.kind)
         for number, value in enumerate(values):
-            with errors.collecting(field, number):
-                members.append(value if isinstance(value, self.kind) else
-                               read_object(self.kind, value, f'{owner}{field}[{number}]: '))
+            with errors.collecting(number):
+                members.append(check(value))
         raise_all(errors)
         return tuple(members)
 
 
-def checked_name(owner: str, field: str, name: object) -> str:
+def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any, ...]:
+    """Return the items of a sequence as a check converts them."""
+    items: list[Any] = []
+    try:
+        for value in values:
+            items.append(check(value))
+    except ScenarioError as error:
+        prefix_error(error, len(items))
+        raise
+    return tuple(items)
+
+
+def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[float, ...]:
+    """Return numbers as floats, each of which has a name and a range."""
+    numbers = []
+    for value, (name, check) in zip(values, ranges.items(), strict=True):
+        try:
+            numbers.append(check(value))
+        except ScenarioError as error:
+            raise ScenarioError(f'.{name}{error}') from None
+    return tuple(numbers)
+
+
+def check_argument(name: str, value: Any, check: Callable[[Any], Any]) -> Any:
+    """Return an argument of a function as a check converts it, or raise OptionError."""
+    try:
+        return check(value)
+    except ScenarioError as error:
+        raise OptionError(f'{name}{error}', (name, *error.place)) from None
+
+
+def checked_name(name: object) -> str:
     """Return a string that is not empty, or raise ScenarioError."""
     if not isinstance(name, str) or not name:
-        raise ScenarioError(
-            f'{owner}{field} is {quote(name)}; it must be text that is not empty', (field,))
+        raise refuse(name, 'text that is not empty')
     return name
 
 
-def checked_text(owner: str, field: str, text: object) -> str:
+def checked_text(text: object) -> str:
     """Return a string, or raise ScenarioError."""
     if not isinstance(text, str):
-        raise ScenarioError(f'{owner}{field} is {quote(text)}; it must be text', (field,))
+        raise refuse(text, 'text')
     return text
 
 
-def checked_truth(owner: str, field: str, value: Any) -> bool:
+def checked_truth(value: Any) -> bool:
     """Return value, also one of NumPy's, as a bool, or raise ScenarioError."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be true or false',
-                            (field,))
+        raise refuse(value, 'true or false')
     return bool(value)
 
 
-def checked_by(check: Callable[[str, str, Any], Any], unit: str = '') -> Metadata:
+def checked_by(check: Callable[[Any], Any], unit: str = '') -> Metadata:
     """Return the metadata of a field with a check."""
     return {'check': check, 'unit': getattr(check, 'unit', unit)}
 
@@ -210,17 +237,24 @@ class ErrorList(list[ScenarioError]):
 
     @contextmanager
     def collecting(self, *path: str | int, owner: str = '') -> Iterator[None]:
-        """Add the errors that leave the with statement, with prefixes of path and text."""
+        """Add the errors that leave the with statement, with the prefixes of prefix_error."""
         try:
             yield
         except ScenarioError as error:
-            self += [type(item)(f'{owner}{item}', (*path, *item.place))
-                     for item in (error, *error.further)]
+            prefix_error(error, *path, owner=owner)
+            self += [error, *error.further]
 
 
-def raise_all(errors: Iterable[ScenarioError]) -> None:
-    """Raise the first of several errors, if there are any, with the rest as `further`."""
+def raise_all(errors: Iterable[ScenarioError],
+              kind: type[PlanningError] = ScenarioError) -> None:
+    """
+    Raise the first of several errors, if there are any, with the rest as `further`.
+
+    :param kind: the class of the error, which has no `further` unless it is a ScenarioError.
+    """
     errors = [*errors]
+    if errors and kind is not ScenarioError:
+        raise kind(str(errors[0]), errors[0].place)
     if errors:
         errors[0].further = tuple(errors[1:])
         raise errors[0]
@@ -240,19 +274,16 @@ class FieldChecks(ErrorList):
         self.item = item
         self.owner = f'{quote(name)[1:-1]}.' if name and isinstance(name, str) else kind._OWNER
         for field in fields(kind):  # type: ignore[arg-type]
-            self._check(field)
+            value = getattr(item, field.name, MISSING)
+            if 'check' not in field.metadata or value is MISSING or value is None and (
+                    field.default is None or NoneType in get_args(field.type)):
+                continue
+            try:  # Much faster than a context manager.
+                object.__setattr__(item, field.name, field.metadata['check'](value))
+            except ScenarioError as error:
+                prefix_error(error, field.name, owner=self.owner)
+                self += [error, *error.further]
         kind._check_together(self)
-
-    def _check(self, field: 'Field[Any]') -> None:
-        value = getattr(self.item, field.name, MISSING)
-        if value is MISSING or value is None and (
-                field.default is None or NoneType in get_args(field.type)):
-            return
-        try:  # Much faster than a context manager.
-            object.__setattr__(self.item, field.name, field.metadata['check'](
-                self.owner, field.name, value))
-        except ScenarioError as error:
-            self += [error, *error.further]
 
     def are_right(self, *names: str) -> bool:
         """Return True if fields are given and have no errors, so that they can be compared."""
@@ -269,12 +300,14 @@ class Checked:
     A frozen dataclass whose fields are checked and converted as their metadata say.
 
     :cvar _OWNER: prefix of the names of its fields in messages, unless it has a name.
+    :cvar _ERROR: the class of its errors.
     """
 
     _OWNER: ClassVar[str] = ''
+    _ERROR: ClassVar[type[PlanningError]] = ScenarioError
 
     def __post_init__(self) -> None:
-        raise_all(FieldChecks(type(self), self))
+        raise_all(FieldChecks(type(self), self), self._ERROR)
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
@@ -285,44 +318,36 @@ REQUIRED: Any = object()
 """The default of a field without one that follows a field with one."""
 
 
-def find_field_errors(kind: type[Any], data: object) -> Iterator[ScenarioError]:
-    """Yield an error for each unknown field of data and for missing fields of a dataclass."""
-    noun = describe_class(kind)
-    if not isinstance(data, Mapping):
-        yield ScenarioError(f'{noun} is {quote(data)}; it must be a mapping of fields')
-        return
+def find_field_errors(kind: type[Any], data: Mapping[str, Any], name: str = ''
+                      ) -> Iterator[ScenarioError]:
+    """Yield an error for each unknown field of named data and for missing fields of a class."""
     names = [field.name for field in fields(kind)]
-    for name in data:
-        if name not in names:
-            near = difflib.get_close_matches(str(name), names, 1)
+    for given in data:
+        if given not in names:
+            near = difflib.get_close_matches(str(given), names, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(names)}'
-            yield ScenarioError(f'{noun} has no field {quote(name)}{hint}', (name,))
+            yield ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,))
     missing = [field.name for field in fields(kind)
                if field.default in (MISSING, REQUIRED) and field.name not in data]
     if missing:
-        yield ScenarioError(f'{noun} lacks {", ".join(missing)}')
+        yield ScenarioError(f'{name} lacks {", ".join(missing)}')
 
 
-def checked_fields(kind: type[Any], data: Any) -> dict[str, Any]:
-    """Return a mapping as the arguments of a dataclass, or raise its unknown and missing ones."""
-    raise_all(find_field_errors(kind, data))
-    return dict(data)
-
-
-def read_object(kind: type[Any], data: object, owner: str = '') -> Any:
+def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
-    Return an object of a dataclass from a mapping of its fields, or raise all their errors.
+    Return an object of a class from a mapping of its fields, or raise all their errors.
 
-    :param owner: prefix of the messages of unknown and missing fields.
+    :param name: of the data in messages, if that is not the name of a field.
     """
-    errors = ErrorList()
-    with errors.collecting(owner=owner):
-        raise_all(find_field_errors(kind, data))
+    if not isinstance(data, Mapping):
+        raise kind._ERROR(f'{name} is {quote(data)}; it must be a {describe_class(kind)} or a '
+                          'mapping of its fields')
+    errors = ErrorList(find_field_errors(kind, data, name))
     if not errors:
-        return kind(**dict(data))  # type: ignore[call-overload]
-    if isinstance(data, Mapping):
-        given = {field.name: data.get(field.name, field.default) for field in fields(kind)}
-        errors += FieldChecks(kind, SimpleNamespace(**{
-            name: value for name, value in given.items()
-            if value is not MISSING and value is not REQUIRED}))
-    raise_all(errors)
+        return kind(**data)
+    given = {field.name: data.get(field.name, field.default)
+             for field in fields(kind)}  # type: ignore[arg-type]
+    errors += FieldChecks(kind, SimpleNamespace(**{
+        name: value for name, value in given.items()
+        if value is not MISSING and value is not REQUIRED}))
+    raise_all(errors, kind._ERROR)

@@ -23,9 +23,9 @@ _ROUNDING = 1e-9
 _VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
 
 
-def _checked_ceiling(owner: str, name: str, value: Any) -> float:
+def _checked_ceiling(value: Any) -> float:
     """Return an altitude in m; None stands for an infinite one."""
-    return Number(0.0, math.inf, 'm')(owner, name, math.inf if value is None else value)
+    return Number(0.0, math.inf, 'm')(math.inf if value is None else value)
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,10 @@ class _Single(tuple[GroundNode, ...]):
     """The ground node that Scenario.ground_node describes, which `replace` may change there."""
 
 
-def checked_nodes(owner: str, name: str, value: Any) -> tuple[GroundNode, ...]:
+def checked_nodes(value: Any) -> tuple[GroundNode, ...]:
     """Return ground nodes as a tuple; none where there is a ground_node."""
     least = 0 if value == () else 1
-    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(
-        owner, name, value)
+    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(value)
 
 
 def unite_ground_nodes(checks: FieldChecks) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 import shapely
 
-from .fields import checked_point, Point
-from .validation import Array, is_sequence, name_type, read_only
+from .fields import check_items, checked_point, Point, refuse
+from .validation import Array, is_sequence, read_only
 from ..errors import quote, ScenarioError
 
 Vertices: TypeAlias = tuple[Point, ...]
@@ -23,7 +23,7 @@ _OFFSET_TOLERANCE = 1e-7  # m
 _ROUNDING = 1e-12  # Of twice the area of a triangle to the square of its polygon's size.
 
 
-def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
+def checked_polygon(values: Any) -> Vertices:
     """
     Return the vertices of a simple polygon, in either order, as a tuple of points.
 
@@ -33,26 +33,23 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
         crosses or touches itself, and no area.
     """
     if not is_sequence(values):
-        raise ScenarioError(f'{owner}{field} is {quote(values)}{name_type(values)}; it must be a '
-                            'list of vertices (x, y) in m', (field,))
+        raise refuse(values, 'a list of vertices (x, y) in m')
     if len(values) > MAX_VERTICES:
-        raise ScenarioError(f'{owner}{field} has {len(values)} vertices; it must have at most '
-                            f'{MAX_VERTICES}', (field,))
-    vertices = tuple(checked_point(owner, field, value, index)
-                     for index, value in enumerate(values))
+        raise ScenarioError(
+            f' has {len(values)} vertices; it must have at most {MAX_VERTICES}')
+    vertices = check_items(values, checked_point)
     if len(vertices) > 3 and vertices[0] == vertices[-1]:
         vertices = vertices[:-1]
     if len(set(vertices)) < 3:
-        raise ScenarioError(f'{owner}{field} is {quote(vertices)}; it must have at least three '
-                            'different vertices', (field,))
+        raise refuse(vertices, 'a list of at least three different vertices')
     ring = shapely.Polygon(vertices)
     if ring.convex_hull.area <= _THINNEST * ring.length**2:
-        raise ScenarioError(f'{owner}{field} is {quote(vertices)}, which has no area; its '
-                            'vertices must not lie on one line', (field,))
+        raise ScenarioError(f' is {quote(vertices)}, which has no area; its vertices must not lie '
+                            'on one line')
     if not ring.is_valid:
         place = shapely.is_valid_reason(ring).partition('[')[2].rstrip(']').replace(' ', ', ')
-        raise ScenarioError(f'{owner}{field} is {quote(vertices)}, whose outline crosses or '
-                            f'touches itself near ({place}); it must not', (field,))
+        raise ScenarioError(f' is {quote(vertices)}, whose outline crosses or touches itself near '
+                            f'({place}); it must not')
     return vertices
 
 

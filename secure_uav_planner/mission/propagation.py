@@ -5,9 +5,11 @@ import math
 from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
-from .fields import Checked, checked_by, checked_truth, FieldChecks, Number, number
+from .fields import (
+    check_argument, check_numbers, Checked, checked_by, checked_truth, FieldChecks, Number, number,
+    refuse)
 from .validation import checked_choice
-from ..errors import OptionError, quote, ScenarioError
+from ..errors import quote
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
 """A name for the numbers of a probability of line of sight."""
@@ -21,23 +23,18 @@ SPEED_OF_LIGHT = 299792458.0  # In m/s.
 BOLTZMANN = 1.380649e-23  # In J/K.
 NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
 
-_LOS_NUMBERS = {'los_a': Number(0.01, 100.0), 'los_b': Number(0.001, 2.0),
-                'los_loss_db': Number(0.0, 100.0, 'dB')}
+_LOS_NUMBERS = {'a': Number(0.01, 100.0), 'b': Number(0.001, 2.0),
+                'loss_db': Number(0.0, 100.0, 'dB')}
 
 
-def _checked_los(owner: str, name: str, value: Any) -> Any:
+def _checked_los(value: Any) -> Any:
     """Return the field `los`, three numbers as a tuple."""
     if isinstance(value, str) and value in ENVIRONMENTS:
         return value
     if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
-        try:
-            return tuple(check(owner, part, item) for (part, check), item in zip(
-                _LOS_NUMBERS.items(), value, strict=True))
-        except ScenarioError as error:
-            raise ScenarioError(f'{owner}{name} is {quote(value)}: {error}', (name,)) from None
-    raise ScenarioError(
-        f'{owner}{name} is {quote(value)}; it must be {quote(None)}, one of '
-        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', (name,))
+        return check_numbers(value, _LOS_NUMBERS)
+    raise refuse(value, f'{quote(None)}, one of {", ".join(ENVIRONMENTS)}, or three numbers: a, b '
+                 'and the extra loss in dB')
 
 
 @dataclass(frozen=True)
@@ -148,16 +145,13 @@ def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: fl
     :param receive_gain_dbi: G_r, gain of the ground node's antenna towards the UAV in dBi.
     :raises OptionError: naming the argument, its value and what is allowed.
     """
-    given = {'carrier_hz': (carrier_hz, Number(1e6, 1e12, 'Hz')),
-             'bandwidth_hz': (bandwidth_hz, Number(1.0, 1e11, 'Hz')),
-             'noise_figure_db': (noise_figure_db, Number(0.0, 60.0, 'dB')),
-             'transmit_gain_dbi': (transmit_gain_dbi, Number(-60.0, 80.0, 'dBi')),
-             'receive_gain_dbi': (receive_gain_dbi, Number(-60.0, 80.0, 'dBi'))}
-    try:
-        for name, (value, check) in given.items():
-            check('', name, value)
-    except ScenarioError as error:
-        raise OptionError(str(error), error.place) from None
+    for name, value, check in (
+            ('carrier_hz', carrier_hz, Number(1e6, 1e12, 'Hz')),
+            ('bandwidth_hz', bandwidth_hz, Number(1.0, 1e11, 'Hz')),
+            ('noise_figure_db', noise_figure_db, Number(0.0, 60.0, 'dB')),
+            ('transmit_gain_dbi', transmit_gain_dbi, Number(-60.0, 80.0, 'dBi')),
+            ('receive_gain_dbi', receive_gain_dbi, Number(-60.0, 80.0, 'dBi'))):
+        check_argument(name, value, check)
     path_gain = 20 * math.log10(SPEED_OF_LIGHT / (4 * math.pi * carrier_hz))
     noise = 10 * math.log10(BOLTZMANN * NOISE_TEMPERATURE * bandwidth_hz) + noise_figure_db
     return path_gain + transmit_gain_dbi + receive_gain_dbi - noise

@@ -12,8 +12,8 @@ from .consistency import (
     check_accelerations, check_durations, check_ends, check_names, check_sizes, MAX_COUPLINGS,
     POSITION_TOLERANCE)
 from .fields import (
-    Block, checked_by, checked_fields, checked_point, checked_truth, FieldChecks,
-    find_field_errors, Members, number, Point, raise_all, REQUIRED, WholeNumber)
+    Block, check_items, checked_by, checked_point, checked_truth, FieldChecks, find_field_errors,
+    Members, Number, number, Point, raise_all, refuse, REQUIRED, WholeNumber)
 from .geography import Origin
 from .kinematics import DURATION
 from .participants import (
@@ -23,9 +23,8 @@ from .polygons import checked_polygon, Vertices
 from .propagation import Channel
 from .stored import Stored
 from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
-from .validation import (
-    Array, checked_array, is_sequence, make_unique, read_only, to_number)
-from ..errors import name_missing_package, quote, ScenarioError
+from .validation import Array, checked_array, is_sequence, make_unique, read_only
+from ..errors import describe_class, name_missing_package, prefix_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,19 +35,15 @@ MAX_MEMBERS = 32
 MAX_ZONES = 64
 """The most no-fly zones."""
 
-_MOST_DELIVERED = 1e12  # bit/Hz
-
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'GroundNode', 'MAX_COUPLINGS', 'MAX_MEMBERS',
            'MAX_NODES', 'MAX_ZONES', 'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav',
-           'checked_fields', 'read_only']
+           'read_only']
 
 
-def _checked_head_starts(owner: str, name: str, values: Any) -> tuple[float, ...]:
-    numbers = tuple(map(to_number, values)) if is_sequence(values) else (math.nan,)
-    if not all(0.0 <= value <= _MOST_DELIVERED for value in numbers):
-        raise ScenarioError(f'{owner}{name} is {quote(values)}; it must be a list of numbers from '
-                            f'0 to {_MOST_DELIVERED:g} bit/Hz', (name,))
-    return numbers
+def _checked_head_starts(values: Any) -> tuple[float, ...]:
+    if not is_sequence(values):
+        raise refuse(values, 'a list of numbers')
+    return check_items(values, Number(0.0, 1e12, 'bit/Hz'))
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
@@ -126,7 +121,8 @@ class Scenario(Stored):
 
     def __post_init__(self) -> None:
         raise_all(find_field_errors(Scenario, {
-            name: value for name, value in vars(self).items() if value is not REQUIRED}))
+            name: value for name, value in vars(self).items() if value is not REQUIRED},
+            describe_class(Scenario)))
         super().__post_init__()
         raise_all([
             *check_names(self.uavs, self.eavesdroppers, self.ground_nodes),
@@ -156,14 +152,15 @@ class Scenario(Stored):
         :raises ScenarioError: as Scenario does.
         """
         start, goal = (100.0, 500.0), (100.0, -500.0)
+        if slots is None:
+            with prefix_path('duration'):
+                slots = max(1, round(DURATION(duration)))
         return cls(
             ground_node=(0.0, 0.0),
             eavesdroppers=(Eavesdropper((200.0, 0.0), error_radius),),
             uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
                   Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
-            duration=duration,
-            slots=(max(1, round(DURATION('', 'duration', duration))) if slots is None
-                   else slots))
+            duration=duration, slots=slots)
 
     @property
     def slot_duration(self) -> float:

@@ -7,11 +7,11 @@ import math
 import os
 from typing import Any, TypeVar
 
-from .fields import Block, Checked, ErrorList, find_field_errors, raise_all, read_object
+from .fields import Block, Checked, ErrorList, raise_all, read_object
 from .files import checked_path
 from .formats.mission_file import read_mission, write_mission
 from .geography import convert_points, Origin
-from ..errors import quote, ScenarioError
+from ..errors import describe_class, quote, ScenarioError
 
 Scenario = TypeVar('Scenario', bound='Stored')  # By this name the API's page shows it.
 
@@ -52,15 +52,16 @@ class Stored(Checked):
             wrong value. `further` are the errors of more fields, or, if these are right, all
             inconsistencies between them.
         """
+        name = describe_class(cls)
         if not isinstance(data, Mapping):
-            raise_all(find_field_errors(cls, data))
+            return read_object(cls, data, name)  # type: ignore[no-any-return]
         values, errors = dict(data), ErrorList()
         with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
-            values = convert_points(values, Block(Origin)('', 'origin', values.get('origin')))
+            values = convert_points(values, Block(Origin)(values.get('origin')))
         with errors.collecting():
             values |= _split_ground_node(values.get('ground_node'))
         with errors.collecting():
-            scenario = read_object(cls, values)
+            scenario = read_object(cls, values, name)
         raise_all(errors)
         return scenario  # type: ignore[no-any-return]
 

@@ -1,11 +1,13 @@
 """Tracks of receivers that move: knots in time, linear between them and held outside."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .fields import COORDINATE, describe_degrees, FieldChecks, Number, RADIUS
-from .validation import Array, is_sequence, name_type
+from .fields import (
+    check_items, check_numbers, COORDINATE, describe_degrees, FieldChecks, Number, RADIUS, refuse)
+from .validation import Array, is_sequence
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -36,7 +38,7 @@ class ReceiverPlaces(NamedTuple):
     radii: Array
 
 
-def checked_track(owner: str, field: str, value: Any, radius: bool = True) -> Track:
+def checked_track(value: Any, radius: bool = True) -> Track:
     """
     Return a track as tuples of floats.
 
@@ -46,39 +48,28 @@ def checked_track(owner: str, field: str, value: Any, radius: bool = True) -> Tr
     parts = {'t': Number(-1e9, 1e9, 's'), 'x': COORDINATE, 'y': COORDINATE}
     if radius:
         parts['radius'] = RADIUS
-    names = f'({", ".join(parts)})'
     if not is_sequence(value) or not 2 <= len(value) <= MAX_KNOTS:
-        raise ScenarioError(f'{owner}{field} is {quote(value)}{name_type(value)}; it must be a '
-                            f'list of 2 to {MAX_KNOTS} knots {names}', (field,))
-    knots = tuple(_checked_knot(owner, field, number, knot, names, parts)
-                  for number, knot in enumerate(value))
+        raise refuse(value, f'a list of 2 to {MAX_KNOTS} knots ({", ".join(parts)})')
+    knots = check_items(value, partial(_checked_knot, parts))
     for number, (before, knot) in enumerate(zip(knots, knots[1:]), start=1):
         duration = knot[0] - before[0]
         if not duration > 0:
             raise ScenarioError(
-                f'{owner}{field}[{number}] has the time {quote(knot[0])} s; it must be '
-                f'after that of the knot before, {quote(before[0])} s', (field, number))
+                f'[{number}] has the time {quote(knot[0])} s; it must be after that of the knot '
+                f'before, {quote(before[0])} s', (number,))
         distance = float(np.hypot(knot[1] - before[1], knot[2] - before[2]))
         if distance > MAX_SPEED * duration * (1 + 1e-9):
             raise ScenarioError(
-                f'{owner}{field}[{number}] is {distance:g} m and {duration:g} s after the knot '
-                f'before, {distance / duration:g} m/s; it must be at most {MAX_SPEED:g} m/s',
-                (field, number))
+                f'[{number}] is {distance:g} m and {duration:g} s after the knot before, '
+                f'{distance / duration:g} m/s; it must be at most {MAX_SPEED:g} m/s', (number,))
     return knots
 
 
-def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
-                  parts: dict[str, Number]) -> tuple[float, ...]:
+def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
     if not is_sequence(knot) or len(knot) != len(parts):
-        raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}{name_type(knot)}; it must '
-                            f'be the numbers {names}' + ''.join(map(
-                                describe_degrees, knot if is_sequence(knot) else ())),
-                            (field, number))
-    try:
-        return tuple(part(f'{owner}{field}[{number}].', name, value)
-                     for (name, part), value in zip(parts.items(), knot))
-    except ScenarioError as error:
-        raise ScenarioError(str(error), (field, number)) from None
+        raise refuse(knot, f'the numbers ({", ".join(parts)})' + ''.join(map(
+            describe_degrees, knot if is_sequence(knot) else ())))
+    return check_numbers(knot, parts)
 
 
 def interpolate(track: Track, times: Array) -> Array:

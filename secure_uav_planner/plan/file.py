@@ -7,10 +7,11 @@ import os
 from typing import Any, TypeVar
 
 from .rated_flight import RatedFlight
-from .results import Bound, Iteration
-from ..errors import FieldPath, format_path, PlanFileError, prefix_path, quote, yaml_notation
+from .results import Bound
+from ..errors import PlanFileError, prefix_path, quote, yaml_notation
+from ..mission.fields import check_items, find_field_errors, raise_all, refuse
 from ..mission.files import atomic_file, checked_path, read_text
-from ..mission.scenario import checked_fields, Scenario
+from ..mission.scenario import Scenario
 
 _Plan = TypeVar('_Plan', bound=RatedFlight)
 
@@ -76,13 +77,13 @@ def _read_document(document: object, kind: type[_Plan]) -> _Plan:
             f'this one reads up to version {_VERSION}')
     values: dict[str, Any] = {name: value for name, value in document.items()
                               if name not in ('format', 'version', *_COMPUTED)}
-    if not isinstance(values.get('history', []), list):
-        raise PlanFileError(f'history is {quote(values["history"])}; it must be a list')
-    values['history'] = tuple(_read_iteration(entry) for entry in values.get('history', []))
-    values = checked_fields(kind, values)
+    raise_all(find_field_errors(kind, values, 'plan'), PlanFileError)
+    if isinstance(values.get('history'), list):
+        values['history'] = [*map(_rename_rate, values['history'])]
     for field in ('positions', 'powers', 'shares'):
-        if values.get(field) is not None:
-            _check_numbers(values[field], (field,))
+        with prefix_path(field):
+            if values.get(field) is not None:
+                _check_numbers(values[field])
     with prefix_path('scenario'):
         values['scenario'] = Scenario.from_dict(values['scenario'])
     if values.get('bound') is not None:
@@ -101,27 +102,16 @@ def _check_bound(plan: RatedFlight, bound: Bound) -> None:
                             f'{bound.objective} rate, which is {rate!r} bit/s/Hz')
 
 
-def _check_numbers(values: object, path: FieldPath) -> None:
-    """Check that nested lists have only numbers, since NumPy converts strings as well."""
+def _check_numbers(values: object) -> None:
+    """Check that nested lists have only numbers, since NumPy converts truth values as well."""
     if isinstance(values, list):
-        for index, value in enumerate(values):
-            _check_numbers(value, (*path, index))
+        check_items(values, _check_numbers)
     elif isinstance(values, bool) or not isinstance(values, (int, float)):
-        raise PlanFileError(
-            f'{format_path(path)} is {quote(values)}; it must be a number', path)
+        raise refuse(values, 'a number')
 
 
-def _read_iteration(entry: object) -> Iteration:
-    """Return the Iteration of an entry; version 1 names its rate guaranteed_rate."""
-    if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
-        entry = {'rate' if name == 'guaranteed_rate' else name: value
-                 for name, value in entry.items()}
-    values = checked_fields(Iteration, entry)
-    for name in ('number', 'rate', 'elapsed', 'solver_time'):
-        value = values[name]
-        if (isinstance(value, bool) or not isinstance(value, (int, float))
-                or not abs(value) < 1e300):
-            raise PlanFileError(f'history: {name} is {quote(value)}; it must be a finite number')
-    if not isinstance(values['number'], int) or not isinstance(values['step'], str):
-        raise PlanFileError(f'history has the entry {quote(entry)}')
-    return Iteration(**values)
+def _rename_rate(entry: Any) -> Any:
+    """Return an iteration with the name that version 2 has for its guaranteed_rate."""
+    if not isinstance(entry, Mapping):
+        return entry
+    return {'rate' if name == 'guaranteed_rate' else name: value for name, value in entry.items()}

@@ -1,7 +1,7 @@
 """The answer: trajectories and powers, their rates, and the history of the method."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from hashlib import blake2b
 import math
@@ -15,6 +15,8 @@ from .rated_flight import RatedFlight
 from .results import Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
+from ..mission.fields import (
+    Checked, checked_by, checked_text, Choice, Instance, Members, number)
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_kind, checked_real
@@ -41,7 +43,7 @@ _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(RatedFlight):
+class Plan(Checked, RatedFlight):
     """
     A feasible flight and power plan of a scenario.
 
@@ -65,33 +67,32 @@ class Plan(RatedFlight):
         and limit; or for another field with a wrong value.
     """
 
-    scenario: Scenario
+    scenario: Scenario = field(metadata=checked_by(Instance(Scenario)))
     positions: Array
     powers: Array
-    method: str = 'given'
-    status: Status = 'given'
-    history: tuple[Iteration, ...] = ()
-    solve_time: float = 0.0
+    method: str = field(default='given', metadata=checked_by(checked_text))
+    status: Status = field(default='given', metadata=checked_by(Choice(STATUSES)))
+    history: tuple[Iteration, ...] = field(
+        default=(), metadata=checked_by(Members(Iteration, 0, 10**6)))
+    solve_time: float = field(default=0.0, metadata=number(0.0, 1e12, 's'))
     start_ns: int | None = None
-    objective: Objective = 'guaranteed'
+    objective: Objective = field(default='guaranteed', metadata=checked_by(Choice(OBJECTIVES)))
     bound: Bound | None = None
-    promised_until: float | None = None
-    bits: float | None = None
-    too_short: float | None = None
+    promised_until: float | None = field(default=None, metadata=number(-1e12, 1e12, 's'))
+    bits: float | None = field(default=None, metadata=number(0.0, 1e15, 'bit/Hz'))
+    too_short: float | None = field(default=None, metadata=number(0.0, 1e12, 's'))
     shares: Array = LEFT_OUT
 
+    _ERROR = PlanError
+
     def __post_init__(self) -> None:
-        self._check_kinds()
+        super().__post_init__()
         count, slots = len(self.scenario.uavs), self.scenario.slots
-        for field, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
-            object.__setattr__(self, field, _checked_array(field, getattr(self, field), shape))
+        for name, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
+            object.__setattr__(self, name, _checked_array(name, getattr(self, name), shape))
         # A power within the tolerance below zero is zero, and never -0.0.
         object.__setattr__(self, 'powers', read_only(np.where(
             self.powers < -POWER_TOLERANCE, self.powers, np.maximum(self.powers, 0.0) + 0.0)))
-        for name, value, allowed in (('status', self.status, STATUSES),
-                                     ('objective', self.objective, OBJECTIVES)):
-            if value not in allowed:
-                raise PlanError(f'{name} is {quote(value)}; it must be one of {allowed}', (name,))
         if self.bound is not None and (
                 not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario):
             raise PlanError(f'bound is {quote(self.bound)}; it must be None or a Bound of the '
@@ -102,29 +103,6 @@ class Plan(RatedFlight):
         Problem(self.scenario).validate(self.positions, self.powers)
         self.clearance.validate()
         self._set_shares()
-
-    def _check_kinds(self) -> None:
-        if not isinstance(self.scenario, Scenario):
-            raise PlanError(f'scenario is {quote(self.scenario)}; it must be a Scenario',
-                            ('scenario',))
-        if not isinstance(self.method, str):
-            raise PlanError(f'method is {quote(self.method)}; it must be a string', ('method',))
-        if not isinstance(self.history, (tuple, list)) or not all(
-                isinstance(iteration, Iteration) for iteration in self.history):
-            raise PlanError(f'history is {quote(self.history)}; it must be a tuple of Iterations',
-                            ('history',))
-        object.__setattr__(self, 'history', tuple(self.history))
-        for name, unit in (('solve_time', 's'), ('promised_until', 's'), ('bits', 'bit/Hz'),
-                           ('too_short', 's')):
-            value = getattr(self, name)
-            if value is None and name != 'solve_time':
-                continue
-            value = value.item() if isinstance(value, np.generic) else value
-            if (isinstance(value, bool) or not isinstance(value, (int, float))
-                    or not abs(value) < 1e300):
-                raise PlanError(f'{name} is {quote(value)}; it must be a finite number in {unit}',
-                                (name,))
-            object.__setattr__(self, name, float(value))
 
     def _check_start(self, start_ns: object) -> None:
         last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
@@ -149,10 +127,10 @@ class Plan(RatedFlight):
 
     def _check_ends(self) -> None:
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
-            for field, point in (('start', path[0]), ('goal', path[-1])):
-                if np.abs(point - getattr(uav, field)).max() > POSITION_TOLERANCE:
-                    raise PlanError(f'the {field} of {uav.name} is {tuple(point.tolist())}; '
-                                    f'it must be {getattr(uav, field)}', ('positions',))
+            for end, point in (('start', path[0]), ('goal', path[-1])):
+                if np.abs(point - getattr(uav, end)).max() > POSITION_TOLERANCE:
+                    raise PlanError(f'the {end} of {uav.name} is {tuple(point.tolist())}; '
+                                    f'it must be {getattr(uav, end)}', ('positions',))
 
     def __repr__(self) -> str:
         origin = f'by {self.method}, {self.status}'

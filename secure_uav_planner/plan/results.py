@@ -1,6 +1,7 @@
 """The results of methods beside the plan: iterations, why they stopped, and a proven bound."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 import math
 from typing import Any, get_args, Literal, NamedTuple, TypeAlias
 
@@ -9,8 +10,10 @@ import numpy as np
 from .rated_flight import RatedFlight
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
+from ..mission.fields import (
+    check_items, Checked, checked_by, checked_text, Choice, Instance, Number, read_object, refuse,
+    WholeNumber)
 from ..mission.scenario import Array, Scenario
-from ..mission.validation import checked_choice, checked_kind
 from ..model.channel.rates import find_least_rate
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
@@ -26,6 +29,8 @@ STATUS_TEXTS: dict[Status, str] = {
     'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
 }
 """A text for each status."""
+
+_RATE, _TIME = Number(-math.inf, math.inf, 'bit/s/Hz'), Number(0.0, 1e12, 's')
 
 _LOWEST_SNR_DB = -30.0  # Below it no slot has more than 0.0015 bit/s/Hz.
 
@@ -56,7 +61,7 @@ def explain_zero_rate(scenario: Scenario) -> str:
 
 
 @dataclass(frozen=True)
-class Iteration:
+class Iteration(Checked):
     """
     One iteration of a method, for callbacks and Plan.history, or the progress of a bound.
 
@@ -70,11 +75,11 @@ class Iteration:
         Newton steps, in s.
     """
 
-    number: int
-    step: str
-    rate: float
-    elapsed: float
-    solver_time: float
+    number: int = field(metadata=checked_by(WholeNumber(0, 1e9)))
+    step: str = field(metadata=checked_by(checked_text))
+    rate: float = field(metadata=checked_by(_RATE))
+    elapsed: float = field(metadata=checked_by(_TIME))
+    solver_time: float = field(metadata=checked_by(_TIME))
 
     @property
     def guaranteed_rate(self) -> float:
@@ -131,11 +136,14 @@ class Promise(NamedTuple):
         return find_least_rate(self.plan.scenario, rates[:, :self.slots].mean(axis=1))
 
 
-_FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
+def _checked_names(values: Any) -> tuple[str, ...]:
+    if not isinstance(values, (list, tuple)):
+        raise refuse(values, 'a list of names of limits')
+    return check_items(values, checked_text)
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(Checked):
     """
     A proven upper bound on the mean rate of every feasible plan of a scenario.
 
@@ -151,27 +159,14 @@ class Bound:
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
-    scenario: Scenario
-    rate: float
-    objective: str = 'worst_case'
-    ignored: tuple[str, ...] = ()
-    solve_time: float = 0.0
-    status: Status = 'converged'
+    scenario: Scenario = field(metadata=checked_by(Instance(Scenario)))
+    rate: float = field(metadata=checked_by(_RATE))
+    objective: str = field(default='worst_case', metadata=checked_by(Choice(OBJECTIVES)))
+    ignored: tuple[str, ...] = field(default=(), metadata=checked_by(_checked_names))
+    solve_time: float = field(default=0.0, metadata=checked_by(_TIME))
+    status: Status = field(default='converged', metadata=checked_by(Choice(STATUSES)))
 
-    def __post_init__(self) -> None:
-        checked_kind('scenario', self.scenario, Scenario)
-        checked_choice('objective', self.objective, OBJECTIVES)
-        checked_choice('status', self.status, STATUSES)
-        if not _is_number(self.rate) or math.isnan(self.rate):
-            raise OptionError(f'rate is {quote(self.rate)}; it must be a number in bit/s/Hz')
-        if not _is_number(self.solve_time) or not 0 <= self.solve_time < math.inf:
-            raise OptionError(
-                f'solve_time is {quote(self.solve_time)}; it must be a finite number from 0')
-        if not isinstance(self.ignored, (list, tuple)) or not all(
-                isinstance(name, str) for name in self.ignored):
-            raise OptionError(f'ignored is {quote(self.ignored)}; it must be names of limits')
-        for field, kind in (('rate', float), ('solve_time', float), ('ignored', tuple)):
-            object.__setattr__(self, field, kind(getattr(self, field)))
+    _ERROR = OptionError
 
     def __repr__(self) -> str:
         return (f'<Bound: no plan has a {self.scenario.channel.rate_name(self.objective)} above '
@@ -233,11 +228,11 @@ class Bound:
         :param scenario: the scenario whose plans it bounds.
         :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """
-        if not isinstance(data, dict) or sorted(map(str, data)) != _FIELDS:
-            names = sorted(map(str, data)) if isinstance(data, dict) else data
-            raise OptionError(f'a bound has the fields {quote(names)}; it must have {_FIELDS!r}')
-        return cls(scenario=scenario, **{
-            **data, 'rate': math.inf if data['rate'] is None else data['rate']})
+        if isinstance(data, Mapping):
+            data = {**data, 'scenario': scenario}
+            if data.get('rate', 0.0) is None:
+                data['rate'] = math.inf
+        return read_object(cls, data, 'bound')  # type: ignore[no-any-return]
 
 
 def check_plan(plan: RatedFlight, scenario: Scenario) -> None:
@@ -247,7 +242,3 @@ def check_plan(plan: RatedFlight, scenario: Scenario) -> None:
     if plan.scenario != scenario:
         raise OptionError('plan is for another scenario; '
                           'it must be a plan of the scenario that the bound is for', ('plan',))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from .parameters import (
     list_values, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE, read_fields,
     read_member_specs, Spec)
-from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
+from ..errors import (
+    brief, ParameterError, PlanFileError, PlanningError, prefix_path, quote, ScenarioError)
 from ..mission import Objective
 from ..mission.geography import Origin
 from ..mission.participants import NoFlyZone, Propulsion
@@ -208,8 +209,9 @@ def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
                        values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
              for name in values['no_fly_zones'])
     fence = points_from('geofence', values['geofence'])
-    return {'no_fly_zones': tuple(zones),
-            'geofence': checked_polygon('', 'geofence', fence) if fence else None}
+    with prefix_path('geofence'):
+        return {'no_fly_zones': tuple(zones),
+                'geofence': checked_polygon(fence) if fence else None}
 
 
 def origin_from(values: Mapping[str, Any]) -> Origin | None:

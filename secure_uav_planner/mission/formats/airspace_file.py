@@ -17,7 +17,8 @@ from ..geography import Origin
 from ..participants import NoFlyZone
 from ..polygons import checked_polygon, Vertices
 from ..validation import checked_kind, is_sequence, to_number
-from ...errors import brief, MissionFileError, OptionError, quote, ScenarioError
+from ...errors import (
+    brief, MissionFileError, OptionError, prefix_path, quote, ScenarioError)
 
 MOST_BYTES = 2**22
 MOST_FEATURES = 1000
@@ -54,7 +55,8 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
             for corners, floor, ceiling, is_fence in read(feature, origin):
                 vertices = _convert_ring(corners, origin)
                 if is_fence:
-                    fences.append(checked_polygon('', 'geofence', vertices))
+                    with prefix_path('geofence'):
+                        fences.append(checked_polygon(vertices))
                 else:
                     zones.append(NoFlyZone(vertices, floor, ceiling, name or ''))
     if len(fences) > 1:

@@ -9,7 +9,7 @@ from typing import Any
 from .airspace_file import read_zones
 from .documents import (
     Document, FileProblem, format_document, make_file_error, read_document)
-from ..fields import Block
+from ..fields import Block, refuse
 from ..files import atomic_file
 from ..geography import Origin
 from ...errors import (
@@ -70,11 +70,12 @@ def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     :raises ScenarioError: as read_zones does, also for a file that cannot be read; for a mission
         without an origin, or with a fence of its own.
     """
-    name, origin = data.pop('airspace'), Block(Origin)('', 'origin', data.get('origin'))
+    name = data.pop('airspace')
+    with prefix_path('origin'):
+        origin = Block(Origin)(data.get('origin'))
     with prefix_path('airspace'):
         if not isinstance(name, str):
-            raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, '
-                                'relative to the mission')
+            raise refuse(name, 'the path of a file, relative to the mission')
         try:
             zones, fence = read_zones(folder / name, origin)
         except OSError as error:
