@@ -1,6 +1,7 @@
 """A plan in continuous time: the motion and powers of the UAVs, and the secrecy rate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,9 @@ from .plan import Plan
 from ..mission.scenario import Array
 from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
+
+
+_ROUNDING = 1e-8  # s; stamps are whole ns
 
 
 @dataclass(frozen=True)
@@ -110,3 +114,45 @@ class Playback:
                      scenario, points, powers, eavesdropper, times=times))
         together: Array = (shares * np.maximum(0.0, rates)).sum(axis=0)
         return together
+
+
+class Flight(NamedTuple):
+    """
+    The flight of a plan.
+
+    :ivar time: present time of the plan, in s from point 0.
+    :ivar rate: of that time; 1 is real time, 0 is a hold.
+    :ivar is_reported: whether a follower reports that now; after a silence the time stands.
+    """
+
+    playback: Playback
+    time: float
+    rate: float
+    is_reported: bool = True
+
+    @property
+    def state(self) -> str:
+        """State of the flight: 'waiting', 'flying', 'held' or 'ended'."""
+        if self.time >= self.playback.duration - _ROUNDING:
+            return 'ended'
+        if self.time <= self.playback.begin + _ROUNDING:
+            return 'waiting'
+        return 'flying' if self.rate > 0 else 'held'
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the flight has begun and not ended."""
+        return self.state in ('flying', 'held')
+
+    @property
+    def moment(self) -> Moment:
+        """
+        Setpoints now: velocities of the plan times the rate, accelerations times its square.
+
+        At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own
+        time.
+        """
+        moment = self.playback.at(self.time)
+        return replace(moment, velocities=moment.velocities * self.rate,
+                       accelerations=moment.accelerations * self.rate**2,
+                       powers=moment.powers if self.rate else np.zeros_like(moment.powers))

@@ -10,14 +10,13 @@ jump.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .plan import Plan
-from .playback import Moment, Playback
+from .playback import Flight, Moment, Playback
 from .rate_limit import RateLimit, VELOCITY_JUMP
 from ..errors import OptionError, quote
 from ..model.curve import GAUSS_LEGENDRE
@@ -31,83 +30,11 @@ POSITION_JUMP = 0.01
 _END_TOLERANCE = 1e-3  # s
 
 
-@dataclass(frozen=True)
-class Flight:
-    """
-    A state of the flight of a plan.
-
-    :param limit: of the rate of the plan's time.
-    :param time: in s from point 0.
-    :param rate: the present rate of that time.
-    """
-
-    limit: RateLimit
-    time: float
-    rate: float
-
-    @property
-    def playback(self) -> Playback:
-        """Playback of the plan."""
-        return self.limit.playback
-
-    @property
-    def moment(self) -> Moment:
-        """
-        Setpoints now: velocities of the plan times the rate, accelerations times its square.
-
-        At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own
-        time.
-        """
-        moment = self.playback.at(self.time)
-        return replace(moment, velocities=moment.velocities * self.rate,
-                       accelerations=moment.accelerations * self.rate**2,
-                       powers=moment.powers if self.rate else np.zeros_like(moment.powers))
-
-    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None
-                ) -> 'Flight':
-        """Return the state elapsed s later, at a rate as near to the target as is allowed."""
-        if elapsed == 0.0:
-            return self
-        rate = target if last is None else self.limit.approach(
-            target, self.time, self.rate, last.velocities, elapsed)
-        return _flight_at(self.limit, self.time + rate * elapsed, rate)
-
-
-class Waiting(Flight):
-    """The UAVs are at the start of the plan, whose time does not begin before its stamp."""
-
-    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None) -> Flight:
-        """Return the state elapsed s later, of which those after the stamp count."""
-        due = self.playback.begin_ns
-        if due is not None:
-            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
-        return super().advance(now_ns, elapsed, target, last)
-
-
-class Flying(Flight):
-    """The time of the plan advances."""
-
-
-class Held(Flight):
-    """The time of the plan stands on the way."""
-
-
-class Ended(Flight):
-    """The UAVs are at the end of the plan."""
-
-    def advance(self, now_ns: int, elapsed: float, target: float, last: Moment | None) -> Flight:
-        """Return the same state: the next one is that of another plan."""
-        return self
-
-
-def _flight_at(limit: RateLimit, time: float, rate: float) -> Flight:
-    """Return the state of a flight at a time of its plan with a rate."""
-    begin, duration = limit.playback.begin, limit.playback.duration
-    if time > duration - _END_TOLERANCE:
-        return Ended(limit, duration, 0.0)
-    if rate:
-        return Flying(limit, time, rate)
-    return Held(limit, time, 0.0) if time > begin else Waiting(limit, begin, 0.0)
+def _make_flight(playback: Playback, time: float, rate: float) -> Flight:
+    """Return a flight at a time in s, which ends at rest."""
+    if time > playback.duration - _END_TOLERANCE:
+        return Flight(playback, playback.duration, 0.0)
+    return Flight(playback, max(time, playback.begin), rate)
 
 
 class Player:
@@ -124,6 +51,7 @@ class Player:
 
     def __init__(self, refuse: Callable[[str], None] = lambda reason: None) -> None:
         self.flight: Flight | None = None
+        self._limit: RateLimit | None = None  # Of the rate of the flight.
         self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
         self._last: Moment | None = None  # Setpoints.
         self._silence: float | None = 0.0  # s since the stream ended; None while there is one.
@@ -141,7 +69,7 @@ class Player:
     @property
     def ended(self) -> bool:
         """Whether the end of the plan has been reached."""
-        return isinstance(self.flight, Ended)
+        return self.flight is not None and self.flight.state == 'ended'
 
     @property
     def streaming(self) -> bool:
@@ -174,7 +102,7 @@ class Player:
         if flight is None or not self.streaming:
             self._wait_at_start(new)
         elif is_revision:
-            self._revise(_flight_at(RateLimit(new), flight.time, flight.rate))
+            self._revise(_make_flight(new, flight.time, flight.rate))
         else:
             ahead = ((new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
             self._pending = new, flight.time + flight.rate * max(0.0, ahead)
@@ -187,11 +115,11 @@ class Player:
         self._on_refusal(reason)
 
     def _wait_at_start(self, playback: Playback) -> None:
-        self._adopt(_flight_at(RateLimit(playback), playback.begin, 0.0))
+        self._adopt(Flight(playback, playback.begin, 0.0))
 
     def _adopt(self, flight: Flight) -> None:
         """Begin with the flight of another plan."""
-        self.flight, self._pending = flight, None
+        self.flight, self._limit, self._pending = flight, RateLimit(flight.playback), None
         self.delivered = self.largest_jump = 0.0
 
     def _revise(self, revised: Flight) -> None:
@@ -200,7 +128,7 @@ class Player:
         if jump:
             self.refuse(f'it comes too late for the flight that it changes: {jump}')
         else:
-            self.flight = revised
+            self.flight, self._limit = revised, RateLimit(revised.playback)
 
     def _splice(self, elapsed: float, lateness: str = '') -> bool:
         """Supersede the plan by the pending one if its time has come and nothing jumps."""
@@ -211,7 +139,7 @@ class Player:
         if since < 0.0 and not self.ended:
             return False
         self._pending = None
-        flight = _flight_at(RateLimit(new), new.begin + since if rate else new.begin, rate)
+        flight = _make_flight(new, new.begin + since if rate else new.begin, rate)
         jump = self._explain_jump(flight, elapsed if rate else 0.0)
         if jump:
             self.playing = self.playing and not self.ended
@@ -326,7 +254,7 @@ class Player:
         assert before is not None
         advance = before.rate * elapsed
         if not self._splice(elapsed):
-            self.flight = before.advance(now_ns, elapsed, speed if self.playing else 0.0, last)
+            self.flight = self._advance(now_ns, elapsed, speed if self.playing else 0.0)
             advance = self.flight.time - before.time
             self._note_advance(before, eavesdropper)
         assert self.flight is not None
@@ -341,6 +269,20 @@ class Player:
                 self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
         return moment
 
+    def _advance(self, now_ns: int, elapsed: float, target: float) -> Flight:
+        """Return the flight elapsed s later, at a rate as near to the target as is allowed."""
+        flight, last = self.flight, self._last
+        assert flight is not None and self._limit is not None
+        due = flight.playback.begin_ns
+        if flight.state == 'waiting' and not flight.rate and due is not None:
+            # The time of a plan does not begin before its stamp.
+            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
+        if elapsed == 0.0 or flight.state == 'ended':
+            return flight
+        rate = target if last is None else self._limit.approach(
+            target, flight.time, flight.rate, last.velocities, elapsed)
+        return _make_flight(flight.playback, flight.time + rate * elapsed, rate)
+
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None) -> None:
         """Note what has been flown and delivered since a state of the same flight."""
         flight = self.flight
@@ -348,7 +290,7 @@ class Player:
         if flight.time > before.time:
             start_ns = flight.playback.plan.start_ns
             self._flown_ns = -1 if start_ns is None else start_ns
-        if self.ended and not isinstance(before, Ended):
+        if self.ended and before.state != 'ended':
             # A pending plan begins without another start.
             self.playing = self.playing and self._pending is not None
         self.delivered += _integrate_rates(

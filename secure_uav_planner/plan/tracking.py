@@ -33,37 +33,7 @@ _MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
 _STEADY = 0.03  # Largest change of a constant rate in half a second.
 _STEP = 0.05  # Of the prediction, in s.
 _MOST_STEPS = 20000
-_ROUNDING = 1e-8  # s; stamps are whole ns
 _LONGEST_GAP = 2.0  # Between two samples of AchievedRates, in s; a longer one is left out.
-
-
-class Flight(NamedTuple):
-    """
-    The flight of a plan.
-
-    :ivar time: present time of the plan, in s from point 0.
-    :ivar rate: of that time; 1 is real time, 0 is a hold.
-    :ivar is_reported: whether the follower reports that now; after a silence the time stands.
-    """
-
-    playback: Playback
-    time: float
-    rate: float
-    is_reported: bool = True
-
-    @property
-    def state(self) -> str:
-        """State of the flight: 'waiting', 'flying', 'held' or 'ended', as in player.py."""
-        if self.time >= self.playback.duration - _ROUNDING:
-            return 'ended'
-        if self.time <= self.playback.begin + _ROUNDING:
-            return 'waiting'
-        return 'flying' if self.rate > 0 else 'held'
-
-    @property
-    def is_under_way(self) -> bool:
-        """Whether the flight has begun and not ended."""
-        return self.state in ('flying', 'held')
 
 
 class FollowerReports:

@@ -16,9 +16,9 @@ from .poses import PoseBook
 from ..errors import LateError, quote, SupersededError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
-from ..plan.playback import Playback
+from ..plan.playback import Flight, Playback
 from ..plan.tracking import (
-    AchievedRates, deviation, Flight, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE)
+    AchievedRates, deviation, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s

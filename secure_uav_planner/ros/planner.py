@@ -39,7 +39,8 @@ from ..errors import brief, BusyError, describe_error, PlanningError, PoseError
 from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight, PlanClock
+from ..plan.playback import Flight
+from ..plan.tracking import PlanClock
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.

@@ -21,7 +21,8 @@ from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
 from ..optimize.incumbent import mute_nonpositive_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight, MeasuredState, PlanClock, predict_state, start_from_state
+from ..plan.playback import Flight
+from ..plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.
 _PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
