@@ -31,7 +31,7 @@ def outlines(draw):
     points = centre + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     if not shapely.Polygon(points).is_valid:
         points = points[:3]
-    return checked_polygon('', 'outline', points.tolist())
+    return checked_polygon(points.tolist())
 
 
 margins = st.floats(-3, 3).map(lambda power: 10**power)

@@ -58,8 +58,8 @@ def check_accelerations(uavs: Sequence[Uav]) -> Iterator[ScenarioError]:
             ('uavs', without, 'max_acceleration'))
 
 
-def check_ends(uavs: Sequence[Uav], slot_duration: float, boundaries: Boundaries
-               ) -> Iterator[ScenarioError]:
+def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
+               boundaries: Boundaries) -> Iterator[ScenarioError]:
     """Yield the errors of the ends of flights: zones, fence and separation."""
     close, fence = [], None
     try:
@@ -83,7 +83,7 @@ def check_ends(uavs: Sequence[Uav], slot_duration: float, boundaries: Boundaries
         most = round_down(max(distance - 2 * boundaries.margin, 0.0))
         margin = f'{boundaries.margin_text[1:]} ' if boundaries.margin else ''
         yield ScenarioError(
-            f'separation is {boundaries.separation:g} m; {margin}it must be at most {most:g} m, '
+            f'separation is {separation:g} m; {margin}it must be at most {most:g} m, '
             f'the distance between the {field}s of {" and ".join(names)}'
             + (' less twice the margin' if margin else ''), ('separation',))
 

@@ -1,9 +1,9 @@
 """The participants of a mission: UAVs, receivers, and zones and other boundaries of flights."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 import math
-from typing import Any
+from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
 from .validation import Array, checked_array
 from ..errors import OptionError, quote, ScenarioError
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
+
+_Receiver = TypeVar('_Receiver', bound='Receiver')
 
 MAX_NODES = 16
 """The most ground nodes."""
@@ -28,8 +33,47 @@ def _checked_ceiling(value: Any) -> float:
     return Number(0.0, math.inf, 'm')(math.inf if value is None else value)
 
 
+class Receiver(Checked):
+    """
+    A receiver on the ground, which stands or moves on a track.
+
+    :cvar DECIDED: the fields that a track decides.
+    """
+
+    DECIDED: ClassVar[tuple[str, ...]] = ('position',)
+    position: Point
+    track: Track | None
+
+    @classmethod
+    def _check_together(cls, checks: FieldChecks) -> None:
+        item = checks.item
+        if item.track is not None and checks.are_right('track'):
+            for name in cls.DECIDED:
+                if checks.are_right(name):
+                    set_by_track(checks, name, item.track)
+        elif item.track is None and item.position is None:
+            checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
+                       'there must be a track')
+
+    @property
+    def knots(self) -> Track:
+        """Knots of the track, or a single one of a receiver that stands."""
+        return self.track or ((0.0, *self.position),)
+
+    def at(self, times: Array) -> Array:
+        """Return the place at times (K,) in s from point 0, and the radius if it has one, in m."""
+        return interpolate(self.knots, times)
+
+    def put_on(self: _Receiver, track: Track | None) -> _Receiver:
+        """Return the receiver on a track, or as it is for None."""
+        if track is None:
+            return self
+        return replace(  # type: ignore[type-var]
+            self, track=track, **dict.fromkeys(self.DECIDED, LEFT_OUT))
+
+
 @dataclass(frozen=True)
-class Eavesdropper(Checked):
+class Eavesdropper(Receiver):
     """
     An eavesdropper and the disc in which it is: Theta of the paper's Section II.
 
@@ -53,30 +97,22 @@ class Eavesdropper(Checked):
     receiver_advantage_db: float = field(default=0.0, metadata=number(-100.0, 100.0, 'dB'))
     track: Track | None = field(default=None, metadata=checked_by(checked_track))
 
+    DECIDED = 'position', 'error_radius'
     _OWNER = 'eavesdropper '
 
-    @staticmethod
-    def _check_together(checks: FieldChecks) -> None:
-        item = checks.item
-        if item.track is not None and checks.are_right('track'):
-            for name in ('position', 'error_radius'):
-                if checks.are_right(name):
-                    set_by_track(checks, name, item.track)
-        elif item.track is None and item.position is None:
-            checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
-                       'there must be a track')
-        elif item.track is None and item.error_radius is None:
-            object.__setattr__(item, 'error_radius', 0.0)
+    @classmethod
+    def _check_together(cls, checks: FieldChecks) -> None:
+        super()._check_together(checks)
+        if checks.item.track is None and checks.item.error_radius is None:
+            object.__setattr__(checks.item, 'error_radius', 0.0)
 
-    def at(self, times: Array) -> Array:
-        """Return the disc at times (K,) in s from point 0: x, y and radius, (K, 3) in m."""
-        if self.track is not None:
-            return interpolate(self.track, times)
-        return np.broadcast_to((*self.position, self.error_radius), (len(times), 3))
+    @property
+    def knots(self) -> Track:
+        return self.track or ((0.0, *self.position, self.error_radius),)
 
 
 @dataclass(frozen=True)
-class GroundNode(Checked):
+class GroundNode(Receiver):
     """
     A ground node, for which a share of each slot is transmitted.
 
@@ -98,21 +134,6 @@ class GroundNode(Checked):
     trusted: bool = field(default=True, metadata=checked_by(checked_truth))
 
     _OWNER = 'ground node '
-
-    @staticmethod
-    def _check_together(checks: FieldChecks) -> None:
-        item = checks.item
-        if item.track is not None and checks.are_right('position', 'track'):
-            set_by_track(checks, 'position', item.track)
-        elif item.track is None and item.position is None:
-            checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
-                       'there must be a track')
-
-    def at(self, times: Array) -> Array:
-        """Return the place at times (K,) in s from point 0, (K, 2) in m."""
-        if self.track is not None:
-            return interpolate(self.track, times)
-        return np.broadcast_to(self.position, (len(times), 2))
 
 
 class _Single(tuple[GroundNode, ...]):
@@ -138,14 +159,13 @@ def unite_ground_nodes(checks: FieldChecks) -> None:
             return
         object.__setattr__(item, 'ground_node', nodes[0].position)
         object.__setattr__(item, 'ground_node_track', nodes[0].track)
-    elif item.ground_node_track is not None:
-        set_by_track(checks, 'ground_node', item.ground_node_track)
-    elif item.ground_node is None:
-        checks.add('ground_node', f'is {quote(None)}; it must be two coordinates (x, y) in m, '
-                   'or there must be ground_nodes')
-    if checks.are_right('ground_node'):
-        object.__setattr__(item, 'ground_nodes', _Single([GroundNode(
-            item.ground_node, track=item.ground_node_track)]))
+    try:
+        node = GroundNode(item.ground_node, track=item.ground_node_track)
+    except ScenarioError as error:
+        checks.append(ScenarioError(str(error), ('ground_node',)))
+    else:
+        object.__setattr__(item, 'ground_node', node.position)
+        object.__setattr__(item, 'ground_nodes', _Single([node]))
 
 
 @dataclass(frozen=True)
@@ -322,28 +342,21 @@ class NoFlyZone(Checked):
         return self.floor - margin <= altitude <= self.ceiling + margin
 
 
-@dataclass(frozen=True)
 class Boundaries:
     """
-    What the flights of a mission keep out of, within and apart, with its tracking_margin.
+    What the flights of a Scenario keep out of, within and apart, with its tracking_margin.
 
-    :param zones: each NoFlyZone with its name.
-    :param geofence: its vertices in m, or None.
-    :param separation: in m.
-    :param margin: the tracking_margin in m.
-    :param start: of UAV 0, (x, y) in m.
+    :ivar margin: in m.
     """
 
-    zones: tuple[tuple[NoFlyZone, str], ...]
-    geofence: Vertices | None
-    separation: float
-    margin: float
-    start: Point
+    def __init__(self, scenario: 'Scenario') -> None:
+        self._scenario, self.margin = scenario, scenario.tracking_margin
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
         """Return the zones within the margin of an altitude in m, with their names."""
-        return tuple((zone, name) for zone, name in self.zones
-                     if zone.is_at(altitude, self.margin))
+        return tuple((zone, name) for zone, name in zip(
+            self._scenario.no_fly_zones, self._scenario.zone_names, strict=True)
+            if zone.is_at(altitude, self.margin))
 
     def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
         """Return the polygons, vertices in m and name, that no plan enters at an altitude in m."""
@@ -360,18 +373,19 @@ class Boundaries:
 
         :raises ScenarioError: if it has none.
         """
-        if self.geofence is None:
+        if self._scenario.geofence is None:
             return None
-        parts = offset_polygon(self.geofence, -self.margin)
+        parts = offset_polygon(self._scenario.geofence, -self.margin)
         if not parts:
             raise ScenarioError(f'tracking_margin is {self.margin:g} m, which leaves nothing of '
                                 'the geofence; it must be smaller', ('tracking_margin',))
-        return max(parts, key=lambda part: float(depth(part, self.start)))
+        return max(parts, key=lambda part: float(depth(part, self._scenario.uavs[0].start)))
 
     @property
     def keep_apart(self) -> float:
         """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
-        return self.separation + 2 * self.margin if self.separation else 0.0
+        separation = self._scenario.separation
+        return separation + 2 * self.margin if separation else 0.0
 
     @property
     def margin_text(self) -> str:

@@ -128,7 +128,7 @@ class Scenario(Stored):
             *check_names(self.uavs, self.eavesdroppers, self.ground_nodes),
             *check_sizes(self.uavs, self.slots, self.ground_nodes, self.head_starts),
             *check_accelerations(self.uavs),
-            *check_ends(self.uavs, self.slot_duration, self.boundaries),
+            *check_ends(self.uavs, self.slot_duration, self.separation, self.boundaries),
             *check_durations(self.uavs, self.duration, self.slots)])
 
     @staticmethod
@@ -258,9 +258,7 @@ class Scenario(Stored):
     @cached_property
     def boundaries(self) -> Boundaries:
         """Zones, fence and separation, with the tracking_margin."""
-        return Boundaries(tuple(zip(self.no_fly_zones, self.zone_names, strict=True)),
-                          self.geofence, self.separation, self.tracking_margin,
-                          self.uavs[0].start)
+        return Boundaries(self)
 
     @cached_property
     def end_velocities(self) -> Array:

@@ -105,7 +105,7 @@ def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenar
         return updated
     step = scenario.slot_duration
     return _set_receivers(updated, updated, [
-        join_tracks(_find_track(old), _find_track(new), point * step, step)
+        join_tracks(old.knots, new.knots, point * step, step)
         for old, new in zip(_list_receivers(scenario), _list_receivers(updated), strict=True)])
 
 
@@ -113,26 +113,14 @@ def _list_receivers(scenario: Scenario) -> list[GroundNode | Eavesdropper]:
     return [*scenario.ground_nodes, *scenario.eavesdroppers]
 
 
-def _find_track(receiver: GroundNode | Eavesdropper) -> Track:
-    """Return the track of a receiver; a single knot for one that stands."""
-    if receiver.track is not None:
-        return receiver.track
-    radius = (receiver.error_radius,) if isinstance(receiver, Eavesdropper) else ()
-    return ((0.0, *receiver.position, *radius),)
-
-
 def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track | None]
                    ) -> Scenario:
     """Return a scenario with the receivers of a source, those with a track on it."""
     nodes = len(source.ground_nodes)
     return replace(
-        scenario, ground_node=LEFT_OUT, ground_node_track=None, ground_nodes=tuple(
-            node if track is None else replace(node, position=LEFT_OUT, track=track)
-            for node, track in zip(source.ground_nodes, tracks[:nodes], strict=True)),
-        eavesdroppers=tuple(
-            eve if track is None else replace(
-                eve, position=LEFT_OUT, error_radius=LEFT_OUT, track=track)
-            for eve, track in zip(source.eavesdroppers, tracks[nodes:], strict=True)))
+        scenario, ground_node=LEFT_OUT, ground_node_track=None,
+        ground_nodes=tuple(map(GroundNode.put_on, source.ground_nodes, tracks[:nodes])),
+        eavesdroppers=tuple(map(Eavesdropper.put_on, source.eavesdroppers, tracks[nodes:])))
 
 
 def _check_point(scenario: Scenario, name: str, point: object) -> None:
