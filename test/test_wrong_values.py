@@ -159,7 +159,7 @@ MISSIONS = [
         (HERE, 'ground_node', 'ground_node', {'latitude': 47.4}),
         (HERE, 'ground_node', 'ground_node', {'latitude': '47.4', 'longitude': 8.5}),
         (None, 'geofence', 'geofence[0]', [HERE] * 4),
-        (None, 'ground_node', 'ground_node_track[0]', {'track': [[0, HERE], [1, 0, 0]]}))),
+        (None, 'ground_node', 'ground_node.track[0]', {'track': [[0, HERE], [1, 0, 0]]}))),
 ]
 OPTIONS = [
     (World, {'place': 'here'}, 'place', 'must be one of disc, normal, beyond, fixed'),

@@ -7,11 +7,11 @@ import math
 import os
 from typing import Any, TypeVar
 
-from .fields import Block, Checked, ErrorList, raise_all, read_object
+from .fields import Block, Checked, read_object
 from .files import checked_path
 from .formats.mission_file import read_mission, write_mission
 from .geography import convert_points, Origin
-from ..errors import describe_class, quote, ScenarioError
+from ..errors import describe_class, ScenarioError
 
 Scenario = TypeVar('Scenario', bound='Stored')  # By this name the API's page shows it.
 
@@ -55,15 +55,21 @@ class Stored(Checked):
         name = describe_class(cls)
         if not isinstance(data, Mapping):
             return read_object(cls, data, name)  # type: ignore[no-any-return]
-        values, errors = dict(data), ErrorList()
+        values = dict(data)
         with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
             values = convert_points(values, Block(Origin)(values.get('origin')))
-        with errors.collecting():
-            values |= _split_ground_node(values.get('ground_node'))
-        with errors.collecting():
-            scenario = read_object(cls, values, name)
-        raise_all(errors)
-        return scenario  # type: ignore[no-any-return]
+        node = values.get('ground_node')
+        if not isinstance(node, Mapping) or 'latitude' in node or 'ground_nodes' in values:
+            return read_object(cls, values, name)  # type: ignore[no-any-return]
+        try:
+            return read_object(  # type: ignore[no-any-return]
+                cls, {**values, 'ground_node': None, 'ground_nodes': [node]}, name)
+        except ScenarioError as error:
+            for item in (error, *error.further):
+                if item.place[:1] == ('ground_nodes',):
+                    item.place = ('ground_node', *item.place[2:])
+                    item.args = (str(item).replace('ground_nodes[0]', 'ground_node'),)
+            raise
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """
@@ -84,21 +90,3 @@ class Stored(Checked):
         :raises MissionFileError: naming the line and the error; its `problems` are all errors.
         """
         return read_mission(checked_path(path), cls)  # type: ignore[no-any-return]
-
-
-def _split_ground_node(node: Any) -> dict[str, Any]:
-    """
-    Return a ground node's place and track as two fields.
-
-    :param node: a place, or a mapping of position and track.
-    :raises ScenarioError: for such a mapping with other fields, or without both.
-    """
-    if not isinstance(node, Mapping) or 'latitude' in node:
-        return {}
-    for name in node:
-        if name not in ('position', 'track'):
-            raise ScenarioError(f'ground_node has no field {quote(name)}; it has position, track',
-                                ('ground_node', name))
-    if node.get('position') is None and node.get('track') is None:
-        raise ScenarioError('ground_node lacks position, or a track', ('ground_node',))
-    return {'ground_node': node.get('position'), 'ground_node_track': node.get('track')}

@@ -104,12 +104,7 @@ def locate_error(path: str | os.PathLike[str], error: ScenarioError) -> MissionF
 def _locate(document: Document, error: ScenarioError) -> Iterator[FileProblem]:
     """Yield the problems of a document that an error and its further ones are."""
     for item in (error, *error.further):
-        field, *inner = item.place or ('',)
-        place, text = item.place, str(item)
-        if field == 'ground_node_track':  # Which files have as a field of ground_node.
-            place, text = ('ground_node', 'track', *inner), text.replace(
-                field, 'ground_node.track')
-        yield FileProblem(document.line(place), text)
+        yield FileProblem(document.line(item.place), str(item))
 
 
 def _has_field(data: Any, field: str) -> bool:
