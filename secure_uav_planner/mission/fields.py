@@ -260,22 +260,31 @@ def raise_all(errors: Iterable[ScenarioError],
         raise errors[0]
 
 
+REQUIRED: Any = object()
+"""The default of a field without one that follows a field with one."""
+
+
 class FieldChecks(ErrorList):
     """
     The errors of the fields of an object of a dataclass, whose right values are converted.
 
-    :ivar item: the object, or a namespace of the fields that are given.
+    :param name: of the object in messages.
+    :ivar item: the object, or a namespace of its fields.
     :ivar owner: prefix of the name of a field in messages.
     """
 
-    def __init__(self, kind: 'type[Checked]', item: Any) -> None:
+    def __init__(self, kind: 'type[Checked]', item: Any, name: str) -> None:
         super().__init__()
-        name = getattr(item, 'name', None)
+        own = getattr(item, 'name', None)
         self.item = item
-        self.owner = f'{quote(name)[1:-1]}.' if name and isinstance(name, str) else kind._OWNER
+        self.owner = f'{quote(own)[1:-1]}.' if own and isinstance(own, str) else kind._OWNER
+        missing = [field for field, value in vars(item).items()
+                   if value is MISSING or value is REQUIRED]
+        if missing:
+            self.append(ScenarioError(f'{name} lacks {", ".join(missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
-            value = getattr(item, field.name, MISSING)
-            if 'check' not in field.metadata or value is MISSING or value is None and (
+            value = getattr(item, field.name)
+            if field.name in missing or 'check' not in field.metadata or value is None and (
                     field.default is None or NoneType in get_args(field.type)):
                 continue
             try:  # Much faster than a context manager.
@@ -287,7 +296,7 @@ class FieldChecks(ErrorList):
 
     def are_right(self, *names: str) -> bool:
         """Return True if fields are given and have no errors, so that they can be compared."""
-        return all(hasattr(self.item, name) for name in names) and not any(
+        return not any(getattr(self.item, name) is MISSING for name in names) and not any(
             error.place[:1] == (name,) for error in self for name in names)
 
     def add(self, field: str, text: str) -> None:
@@ -307,30 +316,12 @@ class Checked:
     _ERROR: ClassVar[type[PlanningError]] = ScenarioError
 
     def __post_init__(self) -> None:
-        raise_all(FieldChecks(type(self), self), self._ERROR)
+        kind = type(self)
+        raise_all(FieldChecks(kind, self, describe_class(kind)), kind._ERROR)
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
         """Add the errors of values that do not fit each other."""
-
-
-REQUIRED: Any = object()
-"""The default of a field without one that follows a field with one."""
-
-
-def find_field_errors(kind: type[Any], data: Mapping[str, Any], name: str = ''
-                      ) -> Iterator[ScenarioError]:
-    """Yield an error for each unknown field of named data and for missing fields of a class."""
-    names = [field.name for field in fields(kind)]
-    for given in data:
-        if given not in names:
-            near = difflib.get_close_matches(str(given), names, 1)
-            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(names)}'
-            yield ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,))
-    missing = [field.name for field in fields(kind)
-               if field.default in (MISSING, REQUIRED) and field.name not in data]
-    if missing:
-        yield ScenarioError(f'{name} lacks {", ".join(missing)}')
 
 
 def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
@@ -342,12 +333,15 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     if not isinstance(data, Mapping):
         raise kind._ERROR(f'{name} is {quote(data)}; it must be a {describe_class(kind)} or a '
                           'mapping of its fields')
-    errors = ErrorList(find_field_errors(kind, data, name))
-    if not errors:
-        return kind(**data)
-    given = {field.name: data.get(field.name, field.default)
-             for field in fields(kind)}  # type: ignore[arg-type]
-    errors += FieldChecks(kind, SimpleNamespace(**{
-        name: value for name, value in given.items()
-        if value is not MISSING and value is not REQUIRED}))
+    defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
+    errors = ErrorList()
+    for given in data:
+        if given not in defaults:
+            near = difflib.get_close_matches(str(given), defaults, 1)
+            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(defaults)}'
+            errors.append(ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,)))
+    item = SimpleNamespace(**{field: data.get(field, default)
+                              for field, default in defaults.items()})
+    errors += FieldChecks(kind, item, name)
     raise_all(errors, kind._ERROR)
+    return kind(**vars(item))

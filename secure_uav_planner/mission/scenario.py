@@ -12,8 +12,8 @@ from .consistency import (
     check_accelerations, check_durations, check_ends, check_names, check_sizes, MAX_COUPLINGS,
     POSITION_TOLERANCE)
 from .fields import (
-    Block, check_items, checked_by, checked_point, checked_truth, FieldChecks, find_field_errors,
-    Members, Number, number, Point, raise_all, refuse, REQUIRED, WholeNumber)
+    Block, check_items, checked_by, checked_point, checked_truth, FieldChecks, Members,
+    Number, number, Point, raise_all, refuse, REQUIRED, WholeNumber)
 from .geography import Origin
 from .kinematics import DURATION
 from .participants import (
@@ -24,7 +24,7 @@ from .propagation import Channel
 from .stored import Stored
 from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
 from .validation import Array, checked_array, is_sequence, make_unique, read_only
-from ..errors import describe_class, name_missing_package, prefix_path
+from ..errors import name_missing_package, prefix_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,9 +120,6 @@ class Scenario(Stored):
         default=(), metadata=checked_by(_checked_head_starts, 'bit/Hz'))
 
     def __post_init__(self) -> None:
-        raise_all(find_field_errors(Scenario, {
-            name: value for name, value in vars(self).items() if value is not REQUIRED},
-            describe_class(Scenario)))
         super().__post_init__()
         raise_all([
             *check_names(self.uavs, self.eavesdroppers, self.ground_nodes),

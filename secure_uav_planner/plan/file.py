@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from .rated_flight import RatedFlight
 from .results import Bound
 from ..errors import PlanFileError, prefix_path, quote, yaml_notation
-from ..mission.fields import check_items, find_field_errors, raise_all, refuse
+from ..mission.fields import check_items, read_object, refuse
 from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import Scenario
 
@@ -77,7 +77,6 @@ def _read_document(document: object, kind: type[_Plan]) -> _Plan:
             f'this one reads up to version {_VERSION}')
     values: dict[str, Any] = {name: value for name, value in document.items()
                               if name not in ('format', 'version', *_COMPUTED)}
-    raise_all(find_field_errors(kind, values, 'plan'), PlanFileError)
     if isinstance(values.get('history'), list):
         values['history'] = [*map(_rename_rate, values['history'])]
     for field in ('positions', 'powers', 'shares'):
@@ -85,10 +84,10 @@ def _read_document(document: object, kind: type[_Plan]) -> _Plan:
             if values.get(field) is not None:
                 _check_numbers(values[field])
     with prefix_path('scenario'):
-        values['scenario'] = Scenario.from_dict(values['scenario'])
+        values['scenario'] = Scenario.from_dict(values.get('scenario'))
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
-    plan = kind(**values)
+    plan: _Plan = read_object(kind, values, 'plan')
     if values.get('bound') is not None:
         _check_bound(plan, values['bound'])
     return plan
