@@ -11,12 +11,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .rated_flight import RatedFlight
-from .results import Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
+from .results import (
+    Bound, explain_zero_rate, Iteration, Promise, RatedFlight, Status, STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
-    Checked, checked_by, checked_text, Choice, Instance, Members, number)
+    checked_by, checked_text, Choice, Instance, Members, number)
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_kind, checked_real
@@ -43,7 +43,7 @@ _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(Checked, RatedFlight):
+class Plan(RatedFlight):
     """
     A feasible flight and power plan of a scenario.
 

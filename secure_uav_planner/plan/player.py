@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .plan import Plan
-from .playback import Flight, Moment, Playback
-from .rate_limit import RateLimit, VELOCITY_JUMP
+from .playback import Flight, Moment, Playback, RateLimit, VELOCITY_JUMP
 from ..errors import OptionError, quote
 from ..model.curve import GAUSS_LEGENDRE
 
