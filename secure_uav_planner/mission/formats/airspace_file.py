@@ -11,14 +11,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from .documents import FileProblem, make_file_error
 from ..fields import ErrorList, MAX_DISTANCE
 from ..files import checked_path, read_text
 from ..geography import Origin
 from ..participants import NoFlyZone
 from ..polygons import checked_polygon, Vertices
 from ..validation import checked_kind, is_sequence, to_number
-from ...errors import (
-    brief, MissionFileError, OptionError, prefix_path, quote, ScenarioError)
+from ...errors import brief, OptionError, prefix_path, quote, ScenarioError
 
 MOST_BYTES = 2**22
 MOST_FEATURES = 1000
@@ -64,9 +64,7 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
     if not (errors or zones or fences):
         errors.append(ScenarioError('it has no area'))
     if errors:
-        more = f' (and {len(errors) - 1} more)' if len(errors) > 1 else ''
-        raise MissionFileError(f'{path}: {brief(errors[0])}{more}',
-                               tuple((None, brief(error)) for error in errors))
+        raise make_file_error(path, [FileProblem(None, brief(error)) for error in errors])
     return tuple(zones), fences[0] if fences else None
 
 
@@ -85,7 +83,7 @@ def _list_features(path: str | os.PathLike[str]) -> list[tuple[Any, Any, Any]]:
         reason = 'it has too many levels'
     except (ValueError, ElementTree.ParseError) as error:
         reason = brief(error)
-    raise MissionFileError(f'{path}: {reason}', ((None, reason),))
+    raise make_file_error(path, [FileProblem(None, reason)])
 
 
 def _convert_ring(corners: Sequence[Any], origin: Origin) -> Vertices:

@@ -148,22 +148,13 @@ def _parse_yaml(text: str) -> Document:
 
 
 def _parse_json(text: str) -> Document:
-    duplicates: list[str] = []
-
-    def collect_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        names = [name for name, _ in pairs]
-        duplicates.extend(name for name in set(names) if names.count(name) > 1)
-        return dict(pairs)
-
-    data = json.loads(text, object_pairs_hook=collect_duplicates)
+    data = json.loads(text)
     try:
-        # Most JSON is YAML, whose reader has the lines.
-        as_yaml = _parse_yaml(text)
-    except (yaml.YAMLError, ValueError):
-        as_yaml = Document(None, {})
-    problems = as_yaml.problems or tuple(
-        FileProblem(None, f'{quote(name)} comes twice') for name in duplicates)
-    return Document(data, as_yaml.lines, problems)
+        # JSON without tabs, which it has only between values, is YAML, whose reader has the lines.
+        as_yaml = _parse_yaml(text.replace('\t', ' '))
+    except (yaml.YAMLError, ValueError):  # It has a character that YAML does not allow.
+        return Document(data, {})
+    return Document(data, as_yaml.lines, as_yaml.problems)
 
 
 class _Reader:
