@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from .world import draw_fading, draw_places, draw_sights, draw_tracking_errors, World
 from ..errors import name_missing_package, OptionError, quote
+from ..mission.fields import check_argument, Number
 from ..mission.scenario import Array, read_only, Scenario
-from ..mission.validation import checked_kind, checked_real
+from ..mission.validation import checked_kind
 from ..model.channel.links import make_link
 from ..model.channel.rates import combine_leaks, compute_rate, include_listeners
 from ..plan.plan import Plan
@@ -87,7 +88,7 @@ class Assessment:
 
     def quantile(self, share: float) -> float:
         """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""
-        return float(np.quantile(self.rates, checked_real('share', share, 0.0, 1.0)))
+        return float(np.quantile(self.rates, check_argument('share', share, Number(0.0, 1.0))))
 
     @property
     def claim(self) -> str:

@@ -19,9 +19,9 @@ from .search.multipliers import build_multipliers, MultiplierSearch
 from .search.variables import DualPoint, InitialMultipliers
 from ..errors import OptionError, PlanningError, TimeLimitError
 from ..mission import OBJECTIVES
+from ..mission.fields import check_argument, Choice
 from ..mission.scenario import Scenario
-from ..mission.validation import (
-    Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
+from ..mission.validation import Array, checked_callback, checked_kind, checked_time_limit
 from ..model.airspace import Airspace
 from ..optimize import solve
 from ..optimize.deadline import Deadline, DeadlineCheck, run_to_end
@@ -100,7 +100,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         ground nodes, tracks, or another channel than free space, with or without fading.
     """
     checked_kind('scenario', scenario, Scenario)
-    checked_choice('objective', objective, OBJECTIVES)
+    check_argument('objective', objective, Choice(OBJECTIVES))
     if refusal := explain_refusal(scenario):
         raise OptionError(refusal)
     limit = checked_time_limit(time_limit)

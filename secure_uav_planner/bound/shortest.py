@@ -7,17 +7,16 @@ import math
 from .method import explain_refusal, upper_bound
 from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
-from ..mission.fields import find_range
+from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
 from ..mission.scenario import Scenario
-from ..mission.validation import (
-    checked_callback, checked_kind, checked_real, checked_time_limit)
+from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..optimize import solve
 from ..optimize.deadline import Deadline, OnIteration, run_to_end
 from ..optimize.methods import check_objective
 from ..plan.plan import Iteration, Plan, Status
 
-_BITS = (1e-6, 1e12)  # bit/Hz
+_BITS = Number(1e-6, 1e12, 'bit/Hz')
 _ACCURACY = 0.1  # Of the duration in s; where slots are shorter, a slot.
 _GROWTH = 2.0  # Ratio of durations until one suffices; the root of it where one is too long,
 _LEAST_GROWTH = 1.01  # down to this.
@@ -50,7 +49,7 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     :raises TimeLimitError: when the time limit is over before that.
     """
     checked_kind('scenario', scenario, Scenario)
-    bits = checked_real('bits', bits, *_BITS)
+    bits = check_argument('bits', bits, _BITS)
     objective = check_objective('joint', objective)
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)

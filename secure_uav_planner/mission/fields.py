@@ -69,6 +69,7 @@ class WholeNumber(Number):
 
 COORDINATE = Number(-1e7, 1e7, 'm')
 RADIUS = Number(0.0, 1e7, 'm')
+TIME = Number(-1e12, 1e12, 's')
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """The participants of a mission: UAVs, receivers, and zones and other boundaries of flights."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 import math
-from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
+from typing import Any, ClassVar, TYPE_CHECKING
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from ..errors import OptionError, quote, ScenarioError
 
 if TYPE_CHECKING:
     from .scenario import Scenario
-
-_Receiver = TypeVar('_Receiver', bound='Receiver')
 
 MAX_NODES = 16
 """The most ground nodes."""
@@ -63,13 +61,6 @@ class Receiver(Checked):
     def at(self, times: Array) -> Array:
         """Return the place at times (K,) in s from point 0, and the radius if it has one, in m."""
         return interpolate(self.knots, times)
-
-    def put_on(self: _Receiver, track: Track | None) -> _Receiver:
-        """Return the receiver on a track, or as it is for None."""
-        if track is None:
-            return self
-        return replace(  # type: ignore[type-var]
-            self, track=track, **dict.fromkeys(self.DECIDED, LEFT_OUT))
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
 from .fields import (
-    check_argument, check_numbers, Checked, checked_by, checked_truth, FieldChecks, Number, number,
-    refuse)
-from .validation import checked_choice
+    check_argument, check_numbers, Checked, checked_by, checked_truth, Choice, FieldChecks, Number,
+    number, refuse)
 from ..errors import quote
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -123,7 +122,7 @@ class Channel(Checked):
 
 def rate_name(objective: str, promise: str) -> str:
     """Name the rate of an objective with the promise of a channel."""
-    checked_choice('objective', objective, OBJECTIVES)
+    check_argument('objective', objective, Choice(OBJECTIVES))
     if promise == 'guaranteed':
         return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'
     return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'

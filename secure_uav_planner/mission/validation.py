@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Set
 from decimal import Decimal, ROUND_CEILING, ROUND_FLOOR
 import math
-import sys
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -75,28 +74,11 @@ def _round(value: float, digits: int, rounding: str) -> float:
     return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() + 1 - digits), rounding))
 
 
-def checked_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
-    """Raise OptionError unless an argument is one of the allowed strings."""
-    if not isinstance(value, str) or value not in allowed:
-        raise OptionError(f'{name} is {quote(value)}; it must be one of {quote(allowed)}', (name,))
-
-
 def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
     """Return an argument that is an object of a class, or raise OptionError naming it."""
     if not isinstance(value, kind):
         raise OptionError(f'{name} is {quote(value)}; it must be a {kind.__name__}', (name,))
     return value
-
-
-def checked_real(name: str, value: Any, low: float = -sys.float_info.max,
-                 high: float = sys.float_info.max) -> float:
-    """Return an argument that is a finite number, or raise OptionError naming it."""
-    number = to_number(value)
-    if not low <= number <= high:
-        allowed = f'number from {low:g} to {high:g}' if high < sys.float_info.max else (
-            'finite number')
-        raise OptionError(f'{name} is {quote(value)}; it must be a {allowed}', (name,))
-    return number
 
 
 def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Array:

@@ -10,6 +10,7 @@ from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
 from ..errors import FieldPath, format_path, OptionError, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
+from ..mission.fields import check_argument, Choice
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.problem import Problem
@@ -154,18 +155,13 @@ def check_objective(method: str, objective: str | None = None) -> Objective:
 
     :raises OptionError: for an unknown method or objective, or one that the method does not have.
     """
-    if method not in METHODS:
-        raise OptionError(f'method is {quote(method)}; it must be one of {sorted(METHODS)!r}',
-                          ('method',))
+    check_argument('method', method, Choice(METHODS))
     if objective is None:
         return 'guaranteed' if method == 'alternating' else 'worst_case'
-    if objective not in OBJECTIVES:
-        raise OptionError(f'objective is {quote(objective)}; it must be one of {OBJECTIVES}',
-                          ('objective',))
     if method == 'alternating' and objective != 'guaranteed':
         raise OptionError(f"objective is {quote(objective)}; the method 'alternating' has only "
                           "'guaranteed'", ('objective',))
-    return objective
+    return check_argument('objective', objective, Choice(OBJECTIVES))
 
 
 def _check_scope(scenario: Scenario) -> None:

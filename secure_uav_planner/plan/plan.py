@@ -16,10 +16,10 @@ from .results import (
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
-    checked_by, checked_text, Choice, Instance, Members, number)
+    check_argument, checked_by, checked_text, Choice, Instance, Members, Number, number, TIME)
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
-from ..mission.validation import checked_kind, checked_real
+from ..mission.validation import checked_kind
 from ..model.channel.rates import find_shares
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Energy
@@ -38,7 +38,7 @@ _ROUNDING = 1e-9  # Of a time, in slots.
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
 
-_WIDTHS = 2.5, 100.0  # Of pictures, in inches.
+_WIDTH = Number(2.5, 100.0, 'inches')  # Of a picture.
 _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
@@ -74,13 +74,13 @@ class Plan(RatedFlight):
     status: Status = field(default='given', metadata=checked_by(Choice(STATUSES)))
     history: tuple[Iteration, ...] = field(
         default=(), metadata=checked_by(Members(Iteration, 0, 10**6)))
-    solve_time: float = field(default=0.0, metadata=number(0.0, 1e12, 's'))
+    solve_time: float = field(default=0.0, metadata=checked_by(TIME))
     start_ns: int | None = None
     objective: Objective = field(default='guaranteed', metadata=checked_by(Choice(OBJECTIVES)))
     bound: Bound | None = None
-    promised_until: float | None = field(default=None, metadata=number(-1e12, 1e12, 's'))
+    promised_until: float | None = field(default=None, metadata=checked_by(TIME))
     bits: float | None = field(default=None, metadata=number(0.0, 1e15, 'bit/Hz'))
-    too_short: float | None = field(default=None, metadata=number(0.0, 1e12, 's'))
+    too_short: float | None = field(default=None, metadata=checked_by(TIME))
     shares: Array = LEFT_OUT
 
     _ERROR = PlanError
@@ -249,7 +249,7 @@ class Plan(RatedFlight):
         for baseline in baselines:
             checked_kind('baselines', baseline, Plan)
         if width is not None:
-            width = checked_real('width', width, *_WIDTHS)
+            width = check_argument('width', width, _WIDTH)
         with name_missing_package():
             from ..output.picture import checked_axes, draw_plan
         return draw_plan(self, baselines, checked_axes(axes), title, width)

@@ -1,23 +1,15 @@
-"""A plan in continuous time: the motion and powers of the UAVs, and how fast it is flown."""
+"""A plan in continuous time: the motion and powers of the UAVs, and the secrecy rate."""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .plan import Plan
+from ..mission.fields import check_argument, TIME
 from ..mission.scenario import Array
-from ..mission.validation import checked_array, checked_kind, checked_real
+from ..mission.validation import checked_array, checked_kind
 from ..model import channel
-
-
-VELOCITY_JUMP = 1e-3
-"""Tolerance of the change of velocity in m/s, beyond the acceleration limit; for rounding."""
-
-_BRAKING_STEP = 0.05  # s
-_MOST_BRAKING_STEPS = 200  # About 15 ms.
-_ROUNDING = 1e-8  # s; stamps are whole ns
 
 
 @dataclass(frozen=True)
@@ -68,7 +60,7 @@ class Playback:
 
         Power n holds from the time of point n to that of point n + 1.
         """
-        time = checked_real('time', time)
+        time = check_argument('time', time, TIME)
         motion = self.curve.at([time])
         return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
                       self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0],
@@ -119,121 +111,3 @@ class Playback:
                      scenario, points, powers, eavesdropper, times=times))
         together: Array = (shares * np.maximum(0.0, rates)).sum(axis=0)
         return together
-
-
-class Flight(NamedTuple):
-    """
-    The flight of a plan.
-
-    :ivar time: present time of the plan, in s from point 0.
-    :ivar rate: of that time; 1 is real time, 0 is a hold.
-    :ivar is_reported: whether a follower reports that now; after a silence the time stands.
-    """
-
-    playback: Playback
-    time: float
-    rate: float
-    is_reported: bool = True
-
-    @property
-    def state(self) -> str:
-        """State of the flight: 'waiting', 'flying', 'held' or 'ended'."""
-        if self.time >= self.playback.duration - _ROUNDING:
-            return 'ended'
-        if self.time <= self.playback.begin + _ROUNDING:
-            return 'waiting'
-        return 'flying' if self.rate > 0 else 'held'
-
-    @property
-    def is_under_way(self) -> bool:
-        """Whether the flight has begun and not ended."""
-        return self.state in ('flying', 'held')
-
-    @property
-    def moment(self) -> Moment:
-        """
-        Setpoints now: velocities of the plan times the rate, accelerations times its square.
-
-        At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own
-        time.
-        """
-        moment = self.playback.at(self.time)
-        return replace(moment, velocities=moment.velocities * self.rate,
-                       accelerations=moment.accelerations * self.rate**2,
-                       powers=moment.powers if self.rate else np.zeros_like(moment.powers))
-
-
-class RateLimit:
-    """Keeps the rate of a plan's time within the acceleration limits of all UAVs."""
-
-    def __init__(self, playback: Playback) -> None:
-        self.playback = playback
-        self._limits = playback.plan.scenario.max_accelerations
-        self._fastest = 0.0  # The rate from which these lead to the end.
-        self._braking_times, self._braking_rates = np.empty(0), np.empty(0)
-
-    def approach(self, target: float, time: float, rate: float, velocities: Array,
-                 elapsed: float) -> float:
-        """
-        Return the rate nearest to a target that keeps all acceleration limits.
-
-        :param time: of the plan in s, elapsed s ago.
-        :param rate: its rate until now.
-        :param velocities: of the last setpoint, (U, 2) in m/s.
-        """
-        if not self.playback.plan.scenario.limits_acceleration:
-            return target
-        target = self._brake_in_time(target, max(target, rate), time + rate * elapsed)
-        most_change = self._limits * max(1.0, target, rate)**2 * elapsed * (1 + 1e-9) + 1e-9
-
-        def is_allowed(rate: float) -> bool:
-            new = self.playback.at(time + rate * elapsed).velocities * rate
-            change = np.linalg.norm(new - velocities, axis=-1)
-            return bool((change <= most_change).all())
-
-        if is_allowed(target):
-            return target
-        # The present rate keeps them, since the plan does.
-        allowed, rejected = rate, target
-        for _ in range(20):
-            middle = (allowed + rejected) / 2
-            allowed, rejected = (
-                (middle, rejected) if is_allowed(middle) else (allowed, middle))
-        return allowed
-
-    def _brake_in_time(self, target: float, fastest: float, time: float) -> float:
-        """Return a target, or the rate at a time from which the flight can stop at its end."""
-        if self._fastest < fastest:
-            self._fastest = fastest
-            self._braking_times, self._braking_rates = self._integrate_braking(fastest)
-        if not len(self._braking_times):
-            return target
-        return min(target, float(np.interp(
-            time, self._braking_times, self._braking_rates, left=target)))
-
-    def _integrate_braking(self, fastest: float) -> tuple[Array, Array]:
-        """
-        Integrate the largest rates from which the flight can stop at a goal passed at speed.
-
-        It begins at the end, where the rate is 0, and goes back.
-
-        :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
-        """
-        playback, limits = self.playback, self._limits
-        speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)
-        if (speeds < VELOCITY_JUMP).all():
-            return np.empty(0), np.empty(0)
-        step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
-                   float((speeds / limits).max()) / _MOST_BRAKING_STEPS)
-        times, squares, slowing = [playback.duration], [0.0], 1.0
-        while squares[-1] < fastest**2 and slowing > 0 and times[-1] > playback.begin:
-            moment, square = playback.at(times[-1]), squares[-1]
-            velocity, bend = moment.velocities, square * moment.accelerations
-            allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
-            # The largest d with |bend - d velocity| <= allowed for every UAV.
-            along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
-            root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)
-            slowing = float(((along + np.sqrt(np.maximum(root, 0.0))) / speed).min())
-            times.append(times[-1] - step)
-            squares.append(square + 2 * step * max(0.0, slowing))
-        return np.array(times[::-1]), np.sqrt(squares[::-1])

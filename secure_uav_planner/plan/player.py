@@ -15,8 +15,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .flight import Flight, RateLimit, VELOCITY_JUMP
 from .plan import Plan
-from .playback import Flight, Moment, Playback, RateLimit, VELOCITY_JUMP
+from .playback import Moment, Playback
 from ..errors import OptionError, quote
 from ..model.curve import GAUSS_LEGENDRE
 

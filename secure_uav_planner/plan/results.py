@@ -12,7 +12,7 @@ from ..errors import OptionError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
     check_items, Checked, checked_by, checked_text, Choice, Instance, Number, read_object, refuse,
-    WholeNumber)
+    TIME, WholeNumber)
 from ..mission.scenario import Array, read_only, Scenario
 from ..model import channel
 from ..model.channel.rates import find_least_rate
@@ -32,7 +32,7 @@ STATUS_TEXTS: dict[Status, str] = {
 }
 """A text for each status."""
 
-_RATE, _TIME = Number(-math.inf, math.inf, 'bit/s/Hz'), Number(0.0, 1e12, 's')
+_RATE = Number(-math.inf, math.inf, 'bit/s/Hz')
 
 _LOWEST_SNR_DB = -30.0  # Below it no slot has more than 0.0015 bit/s/Hz.
 
@@ -80,8 +80,8 @@ class Iteration(Checked):
     number: int = field(metadata=checked_by(WholeNumber(0, 1e9)))
     step: str = field(metadata=checked_by(checked_text))
     rate: float = field(metadata=checked_by(_RATE))
-    elapsed: float = field(metadata=checked_by(_TIME))
-    solver_time: float = field(metadata=checked_by(_TIME))
+    elapsed: float = field(metadata=checked_by(TIME))
+    solver_time: float = field(metadata=checked_by(TIME))
 
     @property
     def guaranteed_rate(self) -> float:
@@ -277,7 +277,7 @@ class Bound(Checked):
     rate: float = field(metadata=checked_by(_RATE))
     objective: str = field(default='worst_case', metadata=checked_by(Choice(OBJECTIVES)))
     ignored: tuple[str, ...] = field(default=(), metadata=checked_by(_checked_names))
-    solve_time: float = field(default=0.0, metadata=checked_by(_TIME))
+    solve_time: float = field(default=0.0, metadata=checked_by(Number(0.0, TIME.high, 's')))
     status: Status = field(default='converged', metadata=checked_by(Choice(STATUSES)))
 
     _ERROR = OptionError

@@ -2,18 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from .plan import Plan
 from ..errors import OptionError, quote
-from ..mission.fields import find_range
+from ..mission.fields import check_argument, find_range, TIME
 from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Eavesdropper, GroundNode, Point, Scenario, Uav
 from ..mission.tracks import join_tracks, LEFT_OUT, shift_track, Track
-from ..mission.validation import checked_array, checked_kind, checked_real
+from ..mission.validation import checked_array, checked_kind
 from ..model.channel.rates import find_head_starts
 from ..model.limits import reduce_budgets
+
+_Receiver = TypeVar('_Receiver', GroundNode, Eavesdropper)
 
 
 def cut_tail(plan: Plan, point: int) -> Plan:
@@ -94,7 +97,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
     """
     checked_kind('scenario', scenario, Scenario)
     checked_kind('source', source, Scenario)
-    checked_real('delay', delay)
+    check_argument('delay', delay, TIME)
     return _set_receivers(scenario, source, [
         shift_track(receiver.track, delay) for receiver in _list_receivers(source)])
 
@@ -119,8 +122,14 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
     nodes = len(source.ground_nodes)
     return replace(
         scenario, ground_node=LEFT_OUT, ground_node_track=None,
-        ground_nodes=tuple(map(GroundNode.put_on, source.ground_nodes, tracks[:nodes])),
-        eavesdroppers=tuple(map(Eavesdropper.put_on, source.eavesdroppers, tracks[nodes:])))
+        ground_nodes=tuple(map(_set_track, source.ground_nodes, tracks[:nodes])),
+        eavesdroppers=tuple(map(_set_track, source.eavesdroppers, tracks[nodes:])))
+
+
+def _set_track(receiver: _Receiver, track: Track | None) -> _Receiver:
+    """Return a receiver on a track, or as it is without one."""
+    return receiver if track is None else replace(
+        receiver, track=track, **dict.fromkeys(receiver.DECIDED, LEFT_OUT))
 
 
 def _check_point(scenario: Scenario, name: str, point: object) -> None:

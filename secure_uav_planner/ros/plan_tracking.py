@@ -15,8 +15,9 @@ from .messages import nanoseconds, read_plan_time
 from .poses import PoseBook
 from ..errors import LateError, quote, SupersededError
 from ..mission.scenario import Array
+from ..plan.flight import Flight
 from ..plan.plan import Plan
-from ..plan.playback import Flight, Playback
+from ..plan.playback import Playback
 from ..plan.tracking import (
     AchievedRates, deviation, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE)
 

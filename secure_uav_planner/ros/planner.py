@@ -38,8 +38,8 @@ from ..bound import explain_refusal
 from ..errors import brief, BusyError, describe_error, PlanningError, PoseError
 from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
+from ..plan.flight import Flight
 from ..plan.plan import Plan
-from ..plan.playback import Flight
 from ..plan.tracking import PlanClock
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.

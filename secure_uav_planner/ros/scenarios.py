@@ -20,8 +20,8 @@ from ..errors import (
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
 from ..optimize.incumbent import mute_nonpositive_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
+from ..plan.flight import Flight
 from ..plan.plan import Plan
-from ..plan.playback import Flight
 from ..plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .links import FreeSpace, guaranteed_squared_distance, make_link
-from ...mission.fields import find_range
+from ...mission.fields import check_argument, find_range
 from ...mission.scenario import Array, Eavesdropper, Scenario
 from ...mission.tracks import ReceiverPlaces
-from ...mission.validation import checked_array, checked_kind, checked_real
+from ...mission.validation import checked_array, checked_kind
 
 
 def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -> ReceiverPlaces:
@@ -174,9 +174,9 @@ def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
     if receiver_advantage_db is None:
         advantage = float(scenario.receiver_advantages.max())
     else:
-        allowed = find_range(Eavesdropper, 'receiver_advantage_db')
-        advantage = 10.0 ** (checked_real(
-            'receiver_advantage_db', receiver_advantage_db, allowed.low, allowed.high) / 10.0)
+        advantage = 10.0 ** (check_argument(
+            'receiver_advantage_db', receiver_advantage_db,
+            find_range(Eavesdropper, 'receiver_advantage_db')) / 10.0)
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
     return find_node_rates(scenario, positions, powers, leak, times)
 
