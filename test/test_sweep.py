@@ -357,7 +357,7 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
 
 @pytest.mark.parametrize('text, reason', [
     ('mision: mission.yaml', 'did you mean mission?'),
-    ('vary: {}', 'lacks mission'), ('', 'it must be a mapping'),
+    ('vary: {}', 'lacks mission'), ('', 'or a mapping of its fields'),
     ('mission: none.yaml', 'mission none.yaml cannot be read: No such file'),
     ('mission: {slots: 3}', 'lacks eavesdroppers'), *(
         (f'mission: mission.yaml\n{line}', words) for line, words in (

@@ -16,10 +16,10 @@ import numpy as np
 
 from .tasks import load_scheme, make_task, Task
 from ..assessment.monte_carlo import arguments
-from ..errors import OptionError, prefix_path, quote, ScenarioError, yaml_notation
+from ..errors import describe_class, OptionError, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
 from ..mission.fields import (
-    Block, Checked, checked_by, checked_truth, ErrorList, raise_all, read_object, WholeNumber)
+    Checked, checked_by, checked_truth, ErrorList, raise_all, read_object, refuse, WholeNumber)
 from ..mission.formats.documents import Document, FileProblem, make_file_error, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -54,24 +54,24 @@ class Law(NamedTuple):
         return np.asarray(getattr(rng, self.name)(self.first, self.second)).tolist()
 
 
-def _checked_mission(owner: str, name: str, value: Any) -> Any:
+def _checked_mission(value: Any) -> Scenario:
     """Return the Scenario of a file, or of the fields of a mission."""
+    if not isinstance(value, str):
+        return Scenario.from_dict(value)
     try:
-        with prefix_path(name):
-            value = Scenario.load(value) if isinstance(value, str) else value
+        return Scenario.load(value)
     except OSError as error:
-        raise ScenarioError(f'the mission {value} cannot be read: {error.strerror or error}',
-                            (name,)) from None
-    return Block(Scenario)(owner, name, value)
+        raise ScenarioError(
+            f'the mission {value} cannot be read: {error.strerror or error}') from None
 
 
-def _checked_variations(owner: str, name: str, value: Any) -> dict[str, list[Any] | Law]:
+def _checked_variations(value: Any) -> dict[str, list[Any] | Law]:
     """Return the values of each varied field, or its Law."""
     if not isinstance(value, dict):
-        raise ScenarioError(f'{name} is {quote(value)}; it must be a mapping of fields', (name,))
+        raise refuse(value, 'a mapping of fields')
     errors, variations = ErrorList(), {}
     for varied, values in value.items():
-        with errors.collecting(name, varied):
+        with errors.collecting(varied):
             variations[varied] = _parse_variation(varied, values)
     raise_all(errors)
     return variations
@@ -103,39 +103,38 @@ def _parse_variation(name: str, value: Any) -> list[Any] | Law:
     raise ScenarioError(f'{name} is {quote(value)}; {allowed}')
 
 
-def _checked_limit(owner: str, name: str, value: Any) -> Any:
+def _checked_limit(value: Any) -> Any:
     if not to_number(value) > 0:
-        raise ScenarioError(f'{name} is {quote(value)}; it must be above 0 s, or null', (name,))
+        raise refuse(value, 'above 0 s, or null')
     return value
 
 
-def _checked_names(allowed: tuple[str, ...], owner: str, name: str, value: Any) -> list[str]:
+def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
     """Return a list of names; where _OWN is allowed, some may be those of functions."""
     own = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
             item in (*allowed, *own) for item in value):
-        raise ScenarioError(
-            f'{name} is {quote(value)}; it must be a list of {", ".join(allowed)}', (name,))
-    with _blaming(name):
+        raise refuse(value, f'a list of {", ".join(allowed)}')
+    with _blaming_field():
         for scheme in own:
             load_scheme(scheme)
     return value
 
 
-def _checked_assessment(owner: str, name: str, value: Any) -> Any:
-    with _blaming(name):
+def _checked_assessment(value: Any) -> Any:
+    with _blaming_field():
         arguments(value)
     return value
 
 
 @contextmanager
-def _blaming(name: str) -> Iterator[None]:
+def _blaming_field() -> Iterator[None]:
     """Turn an OptionError into the error of a field of the campaign."""
     try:
         yield
     except OptionError as error:
-        raise ScenarioError(f'{name}: {error}', (name, *error.place)) from None
+        raise ScenarioError(f' is wrong: {error}', error.place) from None
 
 
 @dataclass(frozen=True)
@@ -279,7 +278,7 @@ def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaig
                 raise ScenarioError('it is a mission; a campaign names one by its field mission')
             if isinstance(data, dict) and isinstance(data.get('mission'), str):
                 data['mission'] = str(Path(path).parent / data['mission'])
-            campaign: Campaign = read_object(Campaign, data)
+            campaign: Campaign = read_object(Campaign, data, describe_class(Campaign))
     except ScenarioError as error:
         problems += (FileProblem(document.line(item.place), str(item))
                      for item in (error, *error.further))

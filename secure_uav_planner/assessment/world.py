@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import OptionError, quote
+from ..errors import describe_class, OptionError, quote
 from ..mission import LOCATION_MODELS, LocationModel
 from ..mission.fields import (
     Block, check_items, Checked, checked_by, checked_point, Choice, FieldChecks, number, Point,
@@ -110,7 +110,7 @@ class World(Checked):
 
         :raises OptionError: for an unknown field or a wrong value.
         """
-        return read_object(cls, data, cls.__name__)  # type: ignore[no-any-return]
+        return read_object(cls, data, describe_class(cls))  # type: ignore[no-any-return]
 
 
 def make_stream(seed: int, kind: int) -> np.random.Generator:

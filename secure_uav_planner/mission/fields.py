@@ -279,8 +279,7 @@ class FieldChecks(ErrorList):
         own = getattr(item, 'name', None)
         self.item = item
         self.owner = f'{quote(own)[1:-1]}.' if own and isinstance(own, str) else kind._OWNER
-        missing = [field for field, value in vars(item).items()
-                   if value is MISSING or value is REQUIRED]
+        missing = _find_missing(item)
         if missing:
             self.append(ScenarioError(f'{name} lacks {", ".join(missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
@@ -303,6 +302,11 @@ class FieldChecks(ErrorList):
     def add(self, field: str, text: str) -> None:
         """Add an error of a field; its text follows the owner and the name of the field."""
         self.append(ScenarioError(f'{self.owner}{field} {text}', (field,)))
+
+
+def _find_missing(item: Any) -> list[str]:
+    """Return the names of the fields that an object or a namespace lacks."""
+    return [name for name, value in vars(item).items() if value is MISSING or value is REQUIRED]
 
 
 class Checked:
@@ -343,6 +347,7 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
             errors.append(ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,)))
     item = SimpleNamespace(**{field: data.get(field, default)
                               for field, default in defaults.items()})
+    if not errors and not _find_missing(item):
+        return kind(**data)
     errors += FieldChecks(kind, item, name)
     raise_all(errors, kind._ERROR)
-    return kind(**vars(item))

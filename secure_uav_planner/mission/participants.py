@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 import math
-from typing import Any, ClassVar, TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
 from .validation import Array, checked_array
 from ..errors import OptionError, quote, ScenarioError
-
-if TYPE_CHECKING:
-    from .scenario import Scenario
 
 MAX_NODES = 16
 """The most ground nodes."""
@@ -340,7 +337,7 @@ class Boundaries:
     :ivar margin: in m.
     """
 
-    def __init__(self, scenario: 'Scenario') -> None:
+    def __init__(self, scenario: Any) -> None:
         self._scenario, self.margin = scenario, scenario.tracking_margin
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
@@ -376,7 +373,7 @@ class Boundaries:
     def keep_apart(self) -> float:
         """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
         separation = self._scenario.separation
-        return separation + 2 * self.margin if separation else 0.0
+        return float(separation + 2 * self.margin if separation else 0.0)
 
     @property
     def margin_text(self) -> str:

@@ -4,16 +4,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 import json
 import os
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from .results import Bound
+from .results import Bound, RatedFlight
 from ..errors import PlanFileError, prefix_path, quote, yaml_notation
 from ..mission.fields import check_items, read_object, refuse
 from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import Scenario
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 _FORMAT = 'secure_uav_planner/plan'
 _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
@@ -22,7 +19,7 @@ _ROUNDING = 1e-9  # bit/s/Hz
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
 
 
-def write_plan(plan: 'Plan', path: str | os.PathLike[str], evaluate: bool) -> None:
+def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
     """Write a Plan to a file; see Plan.save."""
     document = {
         'format': _FORMAT,
@@ -48,7 +45,7 @@ def write_plan(plan: 'Plan', path: str | os.PathLike[str], evaluate: bool) -> No
         json.dump(document, file, allow_nan=False)
 
 
-def read_plan(path: str | os.PathLike[str], kind: 'type[Plan]') -> 'Plan':
+def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:
     """Read a plan of the class `kind`, which is Plan; see Plan.load."""
     checked_path(path)
     try:
@@ -65,7 +62,7 @@ def read_plan(path: str | os.PathLike[str], kind: 'type[Plan]') -> 'Plan':
             f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None
 
 
-def _read_document(document: object, kind: 'type[Plan]') -> 'Plan':
+def _read_document(document: object, kind: type[RatedFlight]) -> Any:
     if not isinstance(document, dict) or document.get('format') != _FORMAT:
         raise PlanFileError(f'it is not a {_FORMAT}')
     version = document.get('version')
@@ -87,13 +84,13 @@ def _read_document(document: object, kind: 'type[Plan]') -> 'Plan':
         values['scenario'] = Scenario.from_dict(values.get('scenario'))
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
-    plan: Plan = read_object(kind, values, 'plan')
+    plan = read_object(kind, values, 'plan')
     if values.get('bound') is not None:
         _check_bound(plan, values['bound'])
     return plan
 
 
-def _check_bound(plan: 'Plan', bound: Bound) -> None:
+def _check_bound(plan: RatedFlight, bound: Bound) -> None:
     """Check that a bound is not below the rate of the plan itself."""
     rate = getattr(plan, f'{bound.objective}_rate')
     if bound.rate < rate - _ROUNDING:
