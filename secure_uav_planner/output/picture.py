@@ -20,6 +20,7 @@ from ..mission import OBJECTIVES
 
 _MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
 _LEFT, _BOTTOM, _RIGHT = 1.0, 0.6, 2.05  # Beside axes: labels, and legends at the right.
+_RIGHT_WITH_ENERGIES = 3.2
 _PLOT_WIDTH = 4.4  # Beside a map.
 _TITLE_WIDTH = 96  # In characters.
 _DOTS_PER_INCH = 200
@@ -105,15 +106,16 @@ def _draw_figure(plan, baselines, title):
     """Draw the map, and beside or below it powers and rates."""
     width, height = _map_size(map_extent(plan.scenario, [plan, *baselines]))
     top = 0.35 + 0.2 * title.count('\n')
+    right = _RIGHT_WITH_ENERGIES if any(plan.energies) else _RIGHT
     if height > width:  # The plots are beside the map, otherwise below.
         left, half = 2 * _LEFT + width + _RIGHT, height / 2 - 0.15
         map_axes, power_axes, rate_axes = _make_axes(
-            left + _PLOT_WIDTH + _RIGHT, height + _BOTTOM + top, (_LEFT, _BOTTOM, width, height),
+            left + _PLOT_WIDTH + right, height + _BOTTOM + top, (_LEFT, _BOTTOM, width, height),
             (left, _BOTTOM + height - half, _PLOT_WIDTH, half),
             (left, _BOTTOM, _PLOT_WIDTH, half))
     else:
         map_axes, power_axes, rate_axes = _make_axes(
-            _LEFT + width + _RIGHT, height + 4.45 + top, (_LEFT, 4.45, width, height),
+            _LEFT + width + right, height + 4.45 + top, (_LEFT, 4.45, width, height),
             (_LEFT, 2.45, width, 1.4), (_LEFT, _BOTTOM, width, 1.7))
     power_axes.tick_params(labelbottom=False)
     return _draw_parts((map_axes, power_axes, rate_axes), plan, baselines, title)
