@@ -83,27 +83,20 @@ def draw_page(plan, baselines=()):
     content = PlanTraces(plan)
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns')
-    for trace, row in content.baseline_traces(baselines):
-        figure.add_trace(trace, row or 1, 2 if row else 1)
-    for trace in (*content.map_traces(), *content.path_traces()):
-        figure.add_trace(trace, 1, 1)
-    for trace, row in content.chart_traces():
-        figure.add_trace(trace, row, 2)
-    figure.add_trace(go.Scatter(
+    sample = go.Scatter(
         x=[None], y=[None], mode='markers', name='UAV, larger with more power',
-        marker={'size': 15, 'color': GEOFENCE, 'line': {'color': 'white', 'width': 1.5}}), 1, 1)
-    first = len(figure.data)
-    for trace in content.moving_traces(0):
-        figure.add_trace(trace, 1, 1)
-    for trace, row in content.cursor_traces(0):
-        figure.add_trace(trace, row, 2)
-    numbers = list(range(first, len(figure.data)))
+        marker={'size': 15, 'color': GEOFENCE, 'line': {'color': 'white', 'width': 1.5}})
+    on_map = [*content.map_traces(), *content.path_traces()]
+    still = [*content.baseline_traces(baselines), *((trace, None) for trace in on_map),
+             *content.chart_traces(), (sample, None)]
+    for trace, row in (*still, *content.moving_traces(0)):
+        figure.add_trace(trace, row or 1, 2 if row else 1)
+    numbers = list(range(len(still), len(figure.data)))
     last = plan.scenario.slots + 1
     points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [
-        go.Frame(name=str(point), traces=numbers, data=[
-            *content.moving_traces(point),
-            *(trace for trace, _ in content.cursor_traces(point))]) for point in points]
+        go.Frame(name=str(point), traces=numbers,
+                 data=[trace for trace, _ in content.moving_traces(point)]) for point in points]
     east, north = map_extent(plan.scenario, [plan, *baselines]).T.tolist()
     figure.update_xaxes(title_text='east (m)', range=east, constrain='domain', row=1, col=1)
     figure.update_yaxes(title_text='north (m)', range=north, constrain='domain',

@@ -135,10 +135,11 @@ class PlanTraces:
                     'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):
-        """Yield what moves on the map, at a point."""
-        plan = self.plan
+        """Yield what moves, at a point: on the map, and dots in the charts with their rows."""
+        plan, time = self.plan, float(self.plan.times[point])
         if plan.scenario.has_tracks:
-            yield from self._receiver_traces(point)
+            for trace in self._receiver_traces(point):
+                yield trace, None
         for index, uav in enumerate(plan.scenario.uavs):
             watts = float(self.powers[index, point])
             yield _scatter(
@@ -149,18 +150,12 @@ class PlanTraces:
                     # of different sizes stay visible at the same position.
                     'size': float((17 if index == 0 else 10)
                                   + 2 * np.log1p(1000 * watts / self.peak)),
-                    'line': {'color': 'white', 'width': 1.5}})
+                    'line': {'color': 'white', 'width': 1.5}}), None
+            yield _dot(time, watts if watts > 0 else None, uav_color(index), uav.name), 1
         yield _scatter(
             [self.worst_places[point]], mode='markers', name='worst-case eavesdropper',
             marker={'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
-                    'line': {'color': 'white', 'width': 1}})
-
-    def cursor_traces(self, point):
-        """Yield a dot at the time of a point in each chart, with its row."""
-        time = float(self.plan.times[point])
-        for index, uav in enumerate(self.plan.scenario.uavs):
-            watts = float(self.powers[index, point])
-            yield _dot(time, watts if watts > 0 else None, uav_color(index), uav.name), 1
+                    'line': {'color': 'white', 'width': 1}}), None
         for values, row in ((self.guaranteed, 2), (self.delivered, 3)):
             yield _dot(time, float(values[point]), RATE, 'guaranteed'), row
 
