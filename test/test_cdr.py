@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 import math
-import re
 import sys
 
 import clarabel
@@ -14,7 +13,7 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.errors import PlanError
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.assembly import Assembly
@@ -128,7 +127,11 @@ def send(assembly, plan, kinds, change=lambda topic, message: None):
             change(topic, parts[topic])
             if kind == 'power':
                 del parts[topic].layout.dim[1]
-            answers.append(assembly.take(topic, bytes(serialize_message(parts[topic]))))
+            try:
+                received = assembly.take(topic, bytes(serialize_message(parts[topic])), FIELDS)
+                answers.append(received and received[0])
+            except PlanError as error:
+                answers.append(error)
     return answers
 
 
@@ -180,31 +183,29 @@ def set_long_frames(topic, message):
 def test_messages_that_do_not_make_a_plan_are_refused_with_the_reason(change, reason):
     kinds = ('path', 'power', 'trajectory') if 'trajectory' in reason else ('path', 'power')
     assembly = Assembly(UAVS, lambda topic: 'trajectory' in kinds)
-    assert send(assembly, STRANGER, kinds, change)[-1]
-    with pytest.raises(PlanError, match=re.escape(reason)) as refused:
-        assembly.plan(**FIELDS)
-    assert 'np.' not in str(refused.value)
-    assert send(assembly, STRANGER, kinds)[-1]
-    assert np.array_equal(assembly.plan(**FIELDS)[0].positions, STRANGER.positions)
+    *_, refused = send(assembly, STRANGER, kinds, change)
+    assert isinstance(refused, PlanError) and reason in str(refused)
+    assert 'np.' not in str(refused)
+    made, = (answer for answer in send(assembly, STRANGER, kinds) if isinstance(answer, Plan))
+    assert np.array_equal(made.positions, STRANGER.positions)
 
 
 def test_trajectories_come_in_any_order_and_are_waited_for_where_somebody_publishes_them():
     publishes = False
     assembly = Assembly(UAVS, lambda topic: publishes)
-    assert send(assembly, STRANGER, ('path', 'power'))[-1]
-    assert assembly.plan(**FIELDS)[0].scenario.uavs[0].max_acceleration is None
+    *_, plan = send(assembly, STRANGER, ('path', 'power'))
+    assert plan.scenario.uavs[0].max_acceleration is None
     publishes = True
     assert not any(send(assembly, STRANGER, ('path', 'power')))
     assert assembly.problem == 'no new message on uav1/trajectory, uav2/trajectory'
-    assert send(assembly, STRANGER, ('trajectory',))[-1]
-    assert assembly.plan(**FIELDS)[0].scenario.uavs[0].max_acceleration is not None
+    *_, plan = send(assembly, STRANGER, ('trajectory',))
+    assert plan.scenario.uavs[0].max_acceleration is not None
     assert send(assembly, STRANGER, ('trajectory', 'power', 'path'))[-1]
 
 
 def test_a_power_that_comes_alone_is_not_joined_to_an_old_path():
     assembly = Assembly(UAVS, lambda topic: False)
     assert send(assembly, STRANGER, ('path', 'power'))[-1]
-    assembly.plan(**FIELDS)
     assert not any(send(assembly, STRANGER, ('power',)))
     assert assembly.problem == 'no new message on uav1/path, uav2/path'
 
@@ -213,21 +214,18 @@ def test_a_plan_of_constant_power_is_used_although_its_mean_is_rounded_up():
     powers = np.full_like(STRANGER.powers, 0.38)
     assert powers[0].mean() > 0.38
     assembly = Assembly(UAVS, lambda topic: False)
-    assert send(assembly, replace(STRANGER, powers=powers), ('path', 'power'))[-1]
-    assert np.array_equal(assembly.plan(**FIELDS)[0].powers, powers)
+    *_, plan = send(assembly, replace(STRANGER, powers=powers), ('path', 'power'))
+    assert np.array_equal(plan.powers, powers)
 
 
 def assembled(plan):
     """Return a plan after its messages, and how many functions were called to assemble it."""
     assembly, calls = Assembly(UAVS, lambda topic: True), []
-    for topic, message in messages.plan_messages(plan, 'map'):
-        if not topic.startswith('~'):
-            assembly.take(topic, bytes(serialize_message(message)))
+    sent = [(topic, bytes(serialize_message(message)))
+            for topic, message in messages.plan_messages(plan, 'map') if topic[0] != '~']
     sys.setprofile(lambda frame, event, argument: calls.append(event))
     try:
-        made, _ = assembly.plan(
-            ground_node=(0.0, 0.0), eavesdroppers=plan.scenario.eavesdroppers,
-            reference_snr_db=80.0)
+        *_, (made, _) = [assembly.take(topic, message, FIELDS) for topic, message in sent]
     finally:
         sys.setprofile(None)
     return made, len(calls)
@@ -277,9 +275,8 @@ def test_in_any_order_and_with_any_loss_only_whole_plans_are_assembled_and_the_l
                       if number == 2 or data.draw(st.booleans())] for topic in sent[0]}
     while queues:
         topic = data.draw(st.sampled_from(sorted(queues)))
-        if assembly.take(topic, queues[topic].pop(0)):
-            made.append(assembly.plan(
-                ground_node=(0.0, 0.0), eavesdroppers=plans[0].scenario.eavesdroppers)[0].identity)
+        if received := assembly.take(topic, queues[topic].pop(0), FIELDS):
+            made.append(received[0].identity)
         if not queues[topic]:
             del queues[topic]
     identities = [plan.identity for plan in plans]

@@ -91,18 +91,16 @@ def test_a_plan_waits_for_its_schedule_which_may_come_in_any_order(plan, last):
             for topic, message in messages.plan_messages(plan, 'map')}
     del sent['planner/markers']
     nodes, assembly = plan.scenario.ground_nodes, Assembly(['uav1', 'uav2'], lambda topic: True)
-    for topic in sorted(sent, key=lambda topic: topic == last):
-        is_whole = assembly.take(topic, sent[topic])
-        assert is_whole == (topic == last)
-    fields = {'eavesdroppers': plan.scenario.eavesdroppers}
+    fields = {'eavesdroppers': plan.scenario.eavesdroppers, 'ground_nodes': tuple(
+        replace(node, name='ground_node') for node in nodes)}
+    assert not any(assembly.take(topic, sent[topic], fields) for topic in sent if topic != last)
     with pytest.raises(PlanError, match='plan serves barn, cart, and there are positions of 1 '):
-        assembly.plan(ground_nodes=nodes[:1], **fields)
-    made, _ = assembly.plan(
-        ground_nodes=tuple(replace(node, name='ground_node') for node in nodes), **fields)
+        assembly.take(last, sent[last], {**fields, 'ground_nodes': nodes[:1]})
+    made, _ = assembly.take(last, sent[last], fields)
     assert made.identity == plan.identity and made.node_rates == pytest.approx(plan.node_rates)
     assert made.scenario.ground_node_names == (*NAMES,)
     # Published again by a planner that has been restarted, it is no new plan.
-    assert not any(assembly.take(topic, message) for topic, message in sent.items())
+    assert not any(assembly.take(topic, message, fields) for topic, message in sent.items())
 
 
 def test_the_schedule_of_a_single_node_belongs_to_no_plan():
@@ -112,7 +110,7 @@ def test_the_schedule_of_a_single_node_belongs_to_no_plan():
     schedule = sent['~/schedule']
     assert [dim.label for dim in schedule.layout.dim] == [
         'ground_node', 'slot', f'{plan.identity} ground_node']
-    assert not assembly.take(SCHEDULE, bytes(serialize_message(schedule)))
+    assert not assembly.take(SCHEDULE, bytes(serialize_message(schedule)), {})
     assert not assembly.problem
 
 

@@ -139,11 +139,13 @@ def test_a_wrong_command_line_is_named():
 
 @pytest.mark.soak
 @pytest.mark.parametrize('node', ['planner', 'replay'])
-def test_fifty_stops_at_any_time_of_the_first_two_seconds(node):
+def test_fifty_stops_at_any_time_of_two_seconds_from_the_start_or_the_first_line(node):
     """Before its own code runs, Python itself answers a signal, as in any node of rclpy."""
     rng, early, statuses = random.Random(5), 0, Counter()
-    for _ in range(50):
+    for number in range(50):
         with node_process(node) as process:
+            if number % 2:  # On a busy machine, all others may come before its own code.
+                wait_for(lambda: process.lines, what='the first line')
             time.sleep(rng.uniform(0, 2.0))
             status = stopped(process)
         text = output_of(process)

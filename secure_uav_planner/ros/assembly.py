@@ -40,18 +40,24 @@ class Assembly:
         # The newest of each topic, by key: the identity of a plan, or a digest.
         self._messages: dict[str, dict[str, Any]] = {
             SCHEDULE: {}, **{f'{name}/{kind}': {} for name in names for kind in _UAV_READERS}}
-        self._identity, self._contents = '', dict[str, Any]()  # Of the plan that is complete.
         self._assembled = ''  # Identity of the last plan.
         self.missing: list[str] = []
 
-    def take(self, topic: str, message: bytes) -> bool:
+    def take(self, topic: str, message: bytes, fields: Mapping[str, Any]
+             ) -> tuple[Plan, str] | None:
         """
-        Keep a serialized message; return True if it completes a plan, which plan() then returns.
+        Keep a serialized message; return the plan that it completes and its frame, or None.
 
-        :raises PlanError: if it cannot be read.
+        :param fields: the fields of a Scenario that no message contains.
+        :raises PlanningError: if the message cannot be read, or the messages do not make a plan.
+            They are kept, because a later message may complete them.
         """
         read = read_schedule if topic == SCHEDULE else _UAV_READERS[topic.partition('/')[2]]
-        content, kept = read(message), self._messages[topic]
+        try:
+            content = read(message)
+        except PlanError as error:
+            raise PlanError(f'{topic}: {error}') from None
+        kept = self._messages[topic]
         kept.pop(content.key, None)
         kept[content.key] = content
         if len(kept) > _MOST_KEPT:
@@ -64,33 +70,26 @@ class Assembly:
             self.missing = [topic for topic, part in contents.items() if part is None]
             # A plan may be published again.
             if not self.missing and (not identity or identity != self._assembled):
-                self._identity, self._contents = identity, contents
-                return True
-        return False
+                plan = _plan_from(self._names, contents, fields)
+                self._assembled = identity
+                self._forget(contents, identity)
+                return plan, contents[f'{self._names[0]}/path'].frame
+        return None
 
     @property
     def problem(self) -> str:
         """Reason why the last message does not make a plan yet, or an empty string."""
         return f'no new message on {", ".join(self.missing)}' if self.missing else ''
 
-    def plan(self, **fields: Any) -> tuple[Plan, str]:
-        """
-        Return the plan that is complete, and its frame.
-
-        :param fields: the fields of its Scenario that no message contains.
-        :raises PlanningError: if the messages do not make a plan. They are kept, because a later
-            message may complete them.
-        """
-        plan = _plan_from(self._names, self._contents, fields)
-        self._assembled = self._identity
-        for topic, content in self._contents.items():
+    def _forget(self, contents: Mapping[str, Any], identity: str) -> None:
+        """Forget powers of plans that a plan replaces, and messages that do not name it."""
+        for topic, content in contents.items():
             kept, key = self._messages[topic], content.key
-            if topic.endswith('/power'):  # Older ones are of plans that this one replaces.
+            if topic.endswith('/power'):
                 for older in [*kept][:[*kept].index(key)]:
                     del kept[older]
-            if not self._identity:
+            if not identity:
                 del kept[key]
-        return plan, self._contents[f'{self._names[0]}/path'].frame
 
     def _collect(self, identity: str) -> dict[str, Any]:
         """Return the messages of a plan by topic, None for a missing one; '' names no plan."""

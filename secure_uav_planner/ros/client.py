@@ -327,10 +327,10 @@ class SecurePlanner:
     def _take(self, topic: str, message: bytes) -> None:
         """Take a message of a plan; others may publish what makes none."""
         try:
-            if self._assembly.take(topic, message):
-                self.last_plan, _ = self._assembly.plan(**{
-                    field: getattr(self.scenario, field) for field in _RECEIVER_FIELDS})
-                self._plan_problem = ''
+            received = self._assembly.take(topic, message, {
+                field: getattr(self.scenario, field) for field in _RECEIVER_FIELDS})
+            if received is not None:
+                (self.last_plan, _), self._plan_problem = received, ''
         except Exception as error:
             self._plan_problem = f'; the messages make none: {describe_error(error)}'
 

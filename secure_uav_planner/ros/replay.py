@@ -59,25 +59,18 @@ class _Reception:
         """Whether the rest of a plan is likely to come soon."""
         return bool(self._assembly.missing) and time.monotonic() - self._arrived < _LONGEST_GAP
 
-    def take(self, topic: str, message: bytes) -> bool:
-        """Keep a message; return True if it completes a plan."""
-        try:
-            is_whole = self._assembly.take(topic, message)
-        except PlanningError as error:
-            self._refuse(f'{topic}: {brief(error)}')
-            return False
+    def take(self, topic: str, message: bytes, fields: Mapping[str, Any]
+             ) -> tuple[Plan, str] | None:
+        """Keep a message; return the plan that it completes and its frame, if it can be used."""
         self._arrived = time.monotonic()
-        return is_whole
-
-    def plan(self, **fields: Any) -> tuple[Plan, str] | None:
-        """Return the plan that is complete and its frame, or None if it cannot be used."""
         try:
-            received = self._assembly.plan(**fields)
+            received = self._assembly.take(topic, message, fields)
         except PlanningError as error:
             self._refuse(brief(error))
             return None
-        self._refusal = ''
-        self._warnings.clear('plan')
+        if received is not None:
+            self._refusal = ''
+            self._warnings.clear('plan')
         return received
 
     def check_rest(self) -> None:
@@ -143,16 +136,12 @@ class Replay(Node):
     # Plans
 
     def _on_plan_message(self, topic: str, message: bytes) -> None:
-        if self._reception.take(topic, message):
-            self._assemble()
-
-    def _assemble(self) -> None:
-        """Load the plan of the topics, if it can be used."""
         nodes = points_from('ground_node', self._settings['ground_node'])
-        received = self._reception.plan(
-            ground_nodes=tuple(map(GroundNode, nodes)), channel=channel_from(self._settings),
-            eavesdroppers=(Eavesdropper(self._eavesdropper or nodes[0]),),
-            reference_snr_db=self._settings['reference_snr_db'])
+        received = self._reception.take(topic, message, {
+            'ground_nodes': tuple(map(GroundNode, nodes)),
+            'channel': channel_from(self._settings),
+            'eavesdroppers': (Eavesdropper(self._eavesdropper or nodes[0]),),
+            'reference_snr_db': self._settings['reference_snr_db']})
         if received is None:
             return
         plan, frame_id = received
