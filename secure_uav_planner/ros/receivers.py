@@ -146,8 +146,7 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
     grown = (radii - old_radii)[:, 0]
     has_left_disc = moving & (moves > old_radii[:, 0])
-    if not distance:
-        return bool(has_left_disc.any())
+    distance = distance or math.inf  # 0 stands for any.
     return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
         has_left_disc | (moves > distance)
         | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
