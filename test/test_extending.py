@@ -22,8 +22,7 @@ def run(name):
     return [float(number) for number in re.findall(r': \D*([\d.]+)', result.stdout)]
 
 
-@needs_compiler
-def test_a_limit_in_two_files_holds_and_is_used_up():
+def test_a_limit_in_a_file_of_its_own_holds_and_is_used_up():
     without, limited = run('limit')
     assert without > 200.0
     assert 149.0 < limited <= 150.0

@@ -1,18 +1,16 @@
 """
 A limit of your own, without a change of the package: no UAV leaves the reach of a base.
 
-The half in C++, range_limit.cpp, answers Newton's method; the half in Python checks plans and
-retracts iterates. It needs a C++ compiler and what examples/requirements.txt names. Run it by
-`python -m examples.extending.limit`.
+It checks plans and retracts iterates by itself, and says which vectors the kernel keeps short: the
+offsets of the points of flights from the base. Run it by `python -m examples.extending.limit`.
 """
 
 import numpy as np
 from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.errors import PlanError
 from secure_uav_planner.model import limits
-from secure_uav_planner.model.limits.base import Limit
-
-from .compiling import compile_module
+from secure_uav_planner.model.kernel import core
+from secure_uav_planner.model.limits.base import compile_vectors, Limit
 
 BASE, REACH = np.array([200.0, 0.0]), 150.0  # m
 
@@ -36,11 +34,13 @@ class RangeLimit(Limit):
 
     @property
     def compiled(self):
-        """Make the half in C++, in the units of the grid."""
+        """Make the kernel's limit of the length of offsets from the base, in the grid's units."""
         grid = self.grid
+        points = np.arange(len(grid.fixed), (grid.slots + 1) * len(grid.fixed))[:, None]
         base = (BASE - grid.origin) / grid.length
-        return compile_module('range_limit').RangeLimit(
-            grid.slots, len(grid.fixed), *base, REACH / grid.length)
+        vectors = compile_vectors(grid, points, 1.0, np.tile(-base, (len(points), 1)))
+        return core.Limit(vectors, np.tile(grid.fixed, grid.slots),
+                          np.full(len(points), (REACH / grid.length)**2))
 
 
 def distance_from_base(duration):

@@ -1,8 +1,8 @@
 """
 The compiled kernel: Newton steps of `joint`, the proof of the worst case, and of the bound.
 
-Limits and channel models have a class here and one in Python; `limit.hpp` and `link_gains.hpp` say
-what the kernel asks of them.
+A channel model has a class here and one in Python; `link_gains.hpp` says what the kernel asks of
+it, and `limit.hpp` of limits.
 """
 
 from typing import TYPE_CHECKING

@@ -136,7 +136,7 @@ public:
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         std::fill(lengths.begin(), lengths.end(), 1.0);
         for (std::size_t l = 0; l < limits_; ++l)
-            p_.limits[l]->limit_steps(slacks[l], slopes_[l], FRACTION_TO_BOUNDARY, lengths.data());
+            p_.limits[l]->limit_steps(slacks[l], slopes_[l], lengths.data());
         double least = *std::min_element(lengths.begin(), lengths.end());
         for_powers([&](std::size_t i, int u) {
             limit_step(least, iterate.x[3 * i], step[3 * i]);
@@ -219,7 +219,7 @@ private:
     const BarrierProblem& p_;
     const std::size_t limits_, means_, kinds_;  // Kinds of slacks: limits, peaks, means, shares.
     Reals path_;
-    std::vector<Slopes> slopes_;       // Of all kinds,
+    std::vector<Slacks> slopes_;       // Of all kinds,
     std::vector<LineSet> line_sets_;   // of every Limit, for this step,
     std::vector<Reals> dual_changes_;  // of all kinds.
 };

@@ -42,59 +42,58 @@ class PathLoss(LinkGains):
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
         """Return bounds of the first three derivatives of log gain between two distances."""
 
+class Vectors:
+    """I vectors of flights, each a weighted sum of T points and a constant."""
+
+    def __init__(self, varies: Flags, points: Indices, weights: Array, constants: Array,
+                 differences: bool) -> None:
+        """
+        Make them.
+
+        :param varies: which points vary, (M, U), neither first ones nor last ones.
+        :param points: U n + u of point n of UAV u, (I, T).
+        :param weights: (I, T).
+        :param constants: (I, 2).
+        :param differences: whether the weights of each vector add up to 0.
+        """
+
 class Limit:
     """A limit c > 0 on flights, for `InteriorPointSolver`."""
 
-    def evaluate(self, path: Array, moves: Array, fraction: float) -> dict[str, Any]:
+    def __init__(self, vectors: Vectors, ignored: Flags, squares: Array) -> None:
+        """Make c = 1 - |d|^2 / r^2 of vectors d; the flags and the squares r^2 are (I,)."""
+
+    def evaluate(self, path: Array, moves: Array) -> dict[str, Any]:
         """
         Return all that Newton's method asks of the limit: for tests.
 
         :param path: points with start and goal, (M, U, 2).
         :param moves: of the points along a step, (M, U, 2).
-        :param fraction: of the way to the boundary that a step may take.
         :return: `slacks` c and their `slopes` along the step; step `lengths`, (U,); `slope` and
             `curvature` of -sum log c along the step; whether lines limit moves, `limits_moves`.
         """
 
-class NormLimit(Limit):
-    def __init__(self, slots: int, order: int, square: Array, ignored: Flags,
-                 end_moves: Array) -> None:
-        """
-        Make a limit c = 1 - |d|^2 / r^2 on differences d of points.
-
-        :param order: 1 for moves, 2 for their changes.
-        :param square: r^2, (U,).
-        :param ignored: (N + order, U).
-        :param end_moves: before the start and after the goal, (2, U, 2).
-        """
-
-class ControlPoints:
-    def __init__(self, weights: Array, all_weights: Array, constant: Array) -> None:
-        """Make the control points of curves; weights are (M, U, K, 3), constants (M, U, K, 2)."""
-
 class LineLimit(Limit):
     """
-    A limit that keeps the pieces of G pairs, each of K control points, beyond lines.
+    A limit c = normal . p - offset of control points p (M, G, K), of which some are ignored.
 
-    `first` and `second` are the UAVs of the pairs, (G,), and `ignored` is (M, G, K).
+    There are M pieces of K points for each of G pairs of a UAV and an obstacle, or of two UAVs.
     """
 
     def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
         """Choose for a path (M, U, 2) the normals (M, G, 2) and offsets (M, G) of lines."""
 
 class ZoneLimit(LineLimit):
-    def __init__(self, control_points: ControlPoints, first: Indices, ignored: Flags,
-                 polygons: Array) -> None:
+    def __init__(self, control_points: Vectors, ignored: Flags, polygons: Array) -> None:
         """Make it with polygons (A, Z, V, 2), for A UAVs Z of V vertices each."""
 
 class SeparationLimit(LineLimit):
-    def __init__(self, control_points: ControlPoints, first: Indices, second: Indices,
-                 ignored: Flags, radii: Array) -> None:
+    def __init__(self, control_points: Vectors, ignored: Flags, radii: Array) -> None:
         """Make it with the radii of the discs to stay out of, (G,)."""
 
 class FenceLimit(LineLimit):
-    def __init__(self, control_points: ControlPoints, first: Indices, ignored: Flags,
-                 normals: Array, offsets: Array) -> None:
+    def __init__(self, control_points: Vectors, ignored: Flags, normals: Array,
+                 offsets: Array) -> None:
         """Make it with the normals (G, 2) and offsets (G,) of sides."""
 
 class InteriorPointSolver:

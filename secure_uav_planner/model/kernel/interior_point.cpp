@@ -73,7 +73,7 @@ BarrierProblem make_problem(const py::dict& args) {
     problem.peaks = copy_reals(args, "peaks", uavs);
     for (const py::handle limit : args["limits"].cast<py::list>()) {
         problem.limits.push_back(limit.cast<std::shared_ptr<kernel::Limit>>());
-        expect(problem.limits.back()->fits(problem.slots, problem.uavs), "limits");
+        expect(problem.limits.back()->vectors().fits(problem.slots, uavs), "limits");
     }
     problem.receivers = make_receivers(problem, args);
     problem.gains = args["gains"].cast<std::shared_ptr<kernel::LinkGains>>();

@@ -1,23 +1,21 @@
-// What the kernel asks of a limit on flights; a new limit is one subclass of Limit.
+// Limits on flights.
 #pragma once
 
 #include <algorithm>
-#include <cstddef>
-#include <vector>
+#include <cmath>
+
+#include "numbers.hpp"
+#include "vectors.hpp"
 
 namespace kernel {
 
-using Reals = std::vector<double>;
-
 constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a step may go.
 
-struct Point {
-    double x, y;
-};
-
-inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-inline Point operator-(Point a, Point b) { return {a.x - b.x, a.y - b.y}; }
-inline Point operator*(double factor, Point a) { return {factor * a.x, factor * a.y}; }
+// Lower a step length until the step takes at most a fraction of a slack away.
+inline void limit_step(double& length, double slack, double slope) {
+    const double most = FRACTION_TO_BOUNDARY * slack;
+    if (-slope * length > most) length = most / -slope;
+}
 
 // The line normal . place = offset.
 struct Line {
@@ -25,82 +23,115 @@ struct Line {
     double offset;
 };
 
-// The lines of a LineLimit, which stay the same during a Newton step.
+// The lines of a limit's vectors, which stay the same during a Newton step.
 struct LineSet {
-    std::vector<Line> lines;  // (M, G).
-    Reals max_moves;          // The longest move of each piece, (M, G), or empty.
+    std::vector<Line> lines;  // (I), or none.
+    Reals max_moves;          // The longest move of each vector, (I), or none.
 };
 
-// The slacks c of a limit at one x; `cache` is for the limit's own use.
+// The slacks c of a limit at one x, or their slopes along a step, and its vectors, or their moves.
 struct Slacks {
-    Reals values, cache;
+    Reals values;
+    std::vector<Point> vectors;
     const LineSet* lines = nullptr;
 };
 
-// The directional derivatives of the slacks along a step; `cache` likewise.
-struct Slopes {
-    Reals values, cache;
-};
-
-// The lower triangle of a symmetric band matrix in the variables x (N, U, 3).
-struct Band {
-    double* entries;  // Column by column, each from the diagonal down.
-    int height;       // Entries of a column.
-
-    // Add a symmetric block to the rows and columns of two points, given by the index of their x
-    // coordinate. What lies above the diagonal is left out.
-    void add(std::ptrdiff_t row, std::ptrdiff_t column, double xx, double xy, double yy) const {
-        double* at = entries + column * height + row - column;
-        at[0] += xx;
-        at[1] += xy;
-        if (row > column) at[height - 1] += xy;
-        at[height] += yy;
-    }
-};
-
-// A limit c(x) > 0 on flights through M = N + 2 points, of which the first and last are fixed.
-//
-// Paths are (M, U, 2), in the units of a Grid. So are moves of their points along a step, which
-// are zero where a point does not vary.
+// c = 1 - |d|^2 / r^2 for each of a limit's I vectors d, or c = normal . d - offset where the limit
+// has lines; 1 for vectors that are ignored.
 class Limit {
 public:
-    Limit(std::size_t slots, int uavs) : slots_(slots), uavs_(uavs) {}
+    // The flags are (I), and so are the squares r^2, of which a limit with lines has none.
+    Limit(Vectors vectors, std::vector<char> ignored, Reals squares)
+        : vectors_(std::move(vectors)), ignored_(std::move(ignored)),
+          squares_(std::move(squares)) {}
     virtual ~Limit() = default;
-    bool fits(std::size_t slots, int uavs) const { return slots == slots_ && uavs == uavs_; }
 
-    // The number of slacks.
-    virtual std::size_t count() const = 0;
-    // The number of rows below the diagonal that the curvature fills.
-    virtual int bandwidth() const = 0;
+    const Vectors& vectors() const { return vectors_; }
+    std::size_t count() const { return ignored_.size(); }
     // True if the limit chooses lines before every step.
     virtual bool has_lines() const { return false; }
     virtual void choose_lines(const double* /* path */, LineSet&) const {}
-    virtual void find_slacks(const double* path, Slacks& slacks) const = 0;
-    // Add the gradient of -mu sum log c to `gradient`, (N, U, 3).
-    virtual void add_gradient(const Slacks& slacks, double mu, double* gradient) const = 0;
-    virtual void find_slopes(const Slacks& slacks, const double* moves, Slopes& slopes) const = 0;
-    // Lower the step lengths of the UAVs, (U), to a fraction of the way to the boundary.
-    virtual void limit_steps(const Slacks& slacks, const Slopes& slopes, double fraction,
-                             double* lengths) const = 0;
-    // Add dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2 of every slack.
-    virtual void add_curvature(const Slacks& slacks, const Reals& duals,
-                               const Band& band) const = 0;
 
-protected:
-    // The index in x of the x coordinate of a point that varies.
-    std::ptrdiff_t variable(std::size_t point, int uav) const {
-        return 3 * (std::ptrdiff_t(point - 1) * uavs_ + uav) + 1;
+    void find_slacks(const double* path, Slacks& slacks) const {
+        vectors_.find(path, false, slacks.vectors);
+        slacks.values.assign(count(), 1.0);
+        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+            slacks.values[i] = line ? dot(line->normal, d) - line->offset
+                                    : 1.0 - dot(d, d) / squares_[i];
+        });
     }
 
-    const std::size_t slots_;
-    const int uavs_;
-};
+    // Add the gradient of -mu sum log c to `gradient`, (N, U, 3).
+    void add_gradient(const Slacks& slacks, double mu, double* gradient) const {
+        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+            const double force = mu / slacks.values[i];
+            vectors_.add_gradient(
+                i, line ? -force * line->normal : force * (2.0 / squares_[i]) * d, gradient);
+        });
+    }
 
-// Lower a step length until the step takes at most a fraction of a slack away.
-inline void limit_step(double& length, double slack, double slope,
-                       double fraction = FRACTION_TO_BOUNDARY) {
-    const double most = fraction * slack;
-    if (-slope * length > most) length = most / -slope;
-}
+    void find_slopes(const Slacks& slacks, const double* moves, Slacks& slopes) const {
+        vectors_.find(moves, true, slopes.vectors);
+        slopes.values.assign(count(), 0.0);
+        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+            const Point move = slopes.vectors[i];
+            slopes.values[i] =
+                line ? dot(line->normal, move) : -2.0 / squares_[i] * dot(d, move);
+        });
+    }
+
+    // Lower the step lengths of the UAVs, (U), to a fraction of the way to the boundary.
+    void limit_steps(const Slacks& slacks, const Slacks& slopes, double* lengths) const {
+        const Reals& max_moves = slacks.lines->max_moves;
+        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+            // To the positive root of a s^2 + 2 b s = c, found without cancellation.
+            const Point move = slopes.vectors[i];
+            const double a = line ? 0.0 : dot(move, move) / squares_[i];
+            const double b = line ? -0.5 * slopes.values[i] : dot(d, move) / squares_[i];
+            const double c = FRACTION_TO_BOUNDARY * slacks.values[i];
+            const double distance = max_moves.empty() ? 0.0 : std::sqrt(dot(move, move));
+            const double most = max_moves.empty() ? 0.0 : FRACTION_TO_BOUNDARY * max_moves[i];
+            if (a + 2.0 * b <= c && distance <= most) return;
+            vectors_.for_terms(i, [&](const Vectors::Term& term) {
+                double& length = lengths[term.uav];
+                if ((a * length + 2.0 * b) * length > c) {
+                    const double root = std::sqrt(b * b + a * c);
+                    length = std::min(length, b > 0.0 ? c / std::max(root + b, TINY)
+                                                      : (root - b) / std::max(a, TINY));
+                }
+                if (distance * length > most) length = std::min(length, most / distance);
+            });
+        });
+    }
+
+    // Add dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2 of every slack.
+    void add_curvature(const Slacks& slacks, const Reals& duals, const Band& band) const {
+        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+            const Point along = line ? line->normal : d;
+            double outer = duals[i] / slacks.values[i], isotropic = 0.0;
+            if (!line) {
+                outer = 4.0 * duals[i] / (slacks.values[i] * squares_[i] * squares_[i]);
+                isotropic = 2.0 * duals[i] / squares_[i];
+            }
+            vectors_.add_curvature(i, outer * along.x * along.x + isotropic,
+                                   outer * along.x * along.y,
+                                   outer * along.y * along.y + isotropic, band);
+        });
+    }
+
+private:
+    // Call a function with every vector that is not ignored, and with its line or null.
+    template <typename Function>
+    void for_counted(const Slacks& slacks, Function function) const {
+        const std::vector<Line>& lines = slacks.lines->lines;
+        for (std::size_t i = 0; i < count(); ++i)
+            if (!ignored_[i])
+                function(i, slacks.vectors[i], lines.empty() ? nullptr : &lines[i]);
+    }
+
+    const Vectors vectors_;
+    const std::vector<char> ignored_;
+    const Reals squares_;
+};
 
 }  // namespace kernel

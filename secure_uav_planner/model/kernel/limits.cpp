@@ -4,23 +4,25 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
 
 #include "array.hpp"
 #include "lines.hpp"
-#include "norm.hpp"
 
 namespace py = pybind11;
 using kernel::Array;
-using kernel::ConstrainedPairs;
-using kernel::ControlPoints;
 using kernel::copy_flags;
 using kernel::copy_reals;
 using kernel::count_entries;
 using kernel::expect;
+using kernel::FenceLimit;
 using kernel::Limit;
 using kernel::LineLimit;
+using kernel::Pieces;
+using kernel::Point;
 using kernel::Reals;
+using kernel::SeparationLimit;
+using kernel::Vectors;
+using kernel::ZoneLimit;
 
 namespace {
 
@@ -29,129 +31,112 @@ std::vector<int> copy_indices(const py::buffer& source, const char* name) {
     return std::vector<int>(numbers.data(), numbers.data() + numbers.size());
 }
 
-std::vector<kernel::Point> copy_points(const py::buffer& source, const char* name,
-                                       std::size_t size) {
+std::vector<Point> copy_points(const py::buffer& source, const char* name, std::size_t size) {
     const Array<const double> numbers(source, name, 2 * size);
-    std::vector<kernel::Point> points;
+    std::vector<Point> points;
     for (std::size_t i = 0; i < size; ++i)
         points.push_back({numbers[2 * i], numbers[2 * i + 1]});
     return points;
 }
 
-std::shared_ptr<kernel::NormLimit> make_norm_limit(
-    std::size_t slots, int order, const py::buffer& square, const py::buffer& ignored,
-    const py::buffer& end_moves) {
-    const std::size_t uavs = count_entries(square);
-    expect((order == 1 || order == 2) && uavs && slots, "order, square, slots");
-    return std::make_shared<kernel::NormLimit>(
-        slots, order, copy_reals(square, "square", uavs),
-        copy_flags(ignored, "ignored", (slots + order) * uavs),
-        copy_reals(end_moves, "end_moves", 4 * uavs));
+// The flags are (M, U), points n U + u and weights (I, T), constants (I, 2).
+Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const py::buffer& weights,
+                     const py::buffer& constants, bool differences) {
+    const Array<const bool> flags(varies, "varies");
+    expect(flags.axes() == 2 && flags.shape(0) >= 3 && flags.shape(1) >= 1, "varies");
+    const std::size_t uavs = flags.shape(1), size = flags.size();
+    for (std::size_t u = 0; u < uavs; ++u)
+        expect(!flags[u] && !flags[size - uavs + u], "varies");
+    const std::vector<int> indices = copy_indices(points, "points");
+    for (const int point : indices) expect(point >= 0 && std::size_t(point) < size, "points");
+    const std::size_t count = count_entries(constants) / 2;
+    expect(count >= 1 && !indices.empty() && indices.size() % count == 0, "points");
+    return Vectors(int(uavs), copy_flags(varies, "varies", size), indices,
+                   copy_reals(weights, "weights", indices.size()),
+                   copy_points(constants, "constants", count), differences);
 }
 
-ControlPoints make_control_points(const py::buffer& weights, const py::buffer& all_weights,
-                                  const py::buffer& constant) {
-    const Array<const double> varying(weights, "weights");
-    expect(varying.axes() == 4 && varying.shape(0) >= 3 && varying.shape(1) >= 1
-               && varying.shape(2) >= 1 && varying.shape(2) <= 3 && varying.shape(3) == 3,
-           "weights");
-    const std::size_t slots = varying.shape(0) - 2, size = varying.size();
-    for (std::size_t i = 0; i < size; ++i) {
-        const std::ptrdiff_t slot =
-            std::ptrdiff_t(i / (size / varying.shape(0))) + std::ptrdiff_t(i % 3) - 2;
-        expect(varying[i] == 0.0 || (slot >= 0 && slot < std::ptrdiff_t(slots)), "weights");
-    }
-    return {slots, int(varying.shape(1)), int(varying.shape(2)),
-            copy_reals(weights, "weights", size), copy_reals(all_weights, "all_weights", size),
-            copy_reals(constant, "constant", size / 3 * 2)};
+std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& ignored,
+                                  const py::buffer& squares) {
+    return std::make_shared<Limit>(
+        vectors, copy_flags(ignored, "ignored", vectors.count()),
+        copy_reals(squares, "squares", vectors.count()));
 }
 
-ConstrainedPairs make_pairs(const ControlPoints& control_points, const py::buffer& first,
-                            const std::optional<py::buffer>& second, const py::buffer& ignored) {
-    ConstrainedPairs pairs{copy_indices(first, "first"), {}, {}};
-    if (second) pairs.second = copy_indices(*second, "second");
-    expect(!second || pairs.second.size() == pairs.first.size(), "second");
-    for (const std::vector<int>* uavs : {&pairs.first, &pairs.second})
-        for (const int uav : *uavs)
-            expect(uav >= 0 && uav < control_points.uavs, "first, second");
-    pairs.ignored = copy_flags(
-        ignored, "ignored",
-        (control_points.slots + 2) * pairs.first.size() * control_points.controls);
-    return pairs;
+// The flags are (M, G, K).
+Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
+    const Array<const bool> flags(ignored, "ignored", control_points.count());
+    expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2
+               && flags.shape(2) >= 1, "ignored");
+    return {control_points, copy_flags(ignored, "ignored", flags.size()), flags.shape(1),
+            int(flags.shape(2))};
 }
 
-std::shared_ptr<kernel::ZoneLimit> make_zone_limit(
-    const ControlPoints& control_points, const py::buffer& first, const py::buffer& ignored,
-    const py::buffer& polygons) {
-    ConstrainedPairs pairs = make_pairs(control_points, first, std::nullopt, ignored);
+std::shared_ptr<ZoneLimit> make_zone_limit(const Vectors& control_points,
+                                           const py::buffer& ignored, const py::buffer& polygons) {
+    const Pieces pieces = make_pieces(control_points, ignored);
     const Array<const double> corners(polygons, "polygons");
-    expect(corners.axes() == 4 && corners.shape(3) == 2 && control_points.controls >= 2,
-           "polygons");
+    expect(corners.axes() == 4 && corners.shape(3) == 2, "polygons");
     const std::size_t uavs = corners.shape(0), zones = corners.shape(1);
-    const std::size_t vertices = corners.shape(2), lines = uavs ? pairs.first.size() / uavs : 0;
-    expect(vertices >= 1 && lines >= 1 && lines <= zones && uavs * lines == pairs.first.size(),
-           "polygons");
-    return std::make_shared<kernel::ZoneLimit>(
-        control_points, pairs, copy_points(polygons, "polygons", uavs * zones * vertices),
-        int(uavs), int(zones), int(vertices), int(lines));
+    const std::size_t vertices = corners.shape(2), pairs = pieces.pairs;
+    expect(vertices >= 1 && uavs >= 1 && pairs >= uavs && pairs % uavs == 0
+               && pairs / uavs <= zones, "polygons");
+    return std::make_shared<ZoneLimit>(
+        pieces, copy_points(polygons, "polygons", uavs * zones * vertices), int(uavs), int(zones),
+        int(vertices));
 }
 
-std::shared_ptr<kernel::SeparationLimit> make_separation_limit(
-    const ControlPoints& control_points, const py::buffer& first, const py::buffer& second,
-    const py::buffer& ignored, const py::buffer& radii) {
-    const ConstrainedPairs pairs = make_pairs(control_points, first, second, ignored);
-    expect(control_points.controls >= 2, "control_points");
-    return std::make_shared<kernel::SeparationLimit>(
-        control_points, pairs, copy_reals(radii, "radii", pairs.first.size()));
+std::shared_ptr<SeparationLimit> make_separation_limit(
+    const Vectors& control_points, const py::buffer& ignored, const py::buffer& radii) {
+    const Pieces pieces = make_pieces(control_points, ignored);
+    return std::make_shared<SeparationLimit>(pieces, copy_reals(radii, "radii", pieces.pairs));
 }
 
-std::shared_ptr<kernel::FenceLimit> make_fence_limit(
-    const ControlPoints& control_points, const py::buffer& first, const py::buffer& ignored,
-    const py::buffer& normals, const py::buffer& offsets) {
-    const ConstrainedPairs pairs = make_pairs(control_points, first, std::nullopt, ignored);
-    const std::size_t count = pairs.first.size();
-    const std::vector<kernel::Point> directions = copy_points(normals, "normals", count);
-    const Reals lengths = copy_reals(offsets, "offsets", count);
+std::shared_ptr<FenceLimit> make_fence_limit(const Vectors& control_points,
+                                             const py::buffer& ignored, const py::buffer& normals,
+                                             const py::buffer& offsets) {
+    const Pieces pieces = make_pieces(control_points, ignored);
+    const std::vector<Point> directions = copy_points(normals, "normals", pieces.pairs);
+    const Reals lengths = copy_reals(offsets, "offsets", pieces.pairs);
     std::vector<kernel::Line> sides;
-    for (std::size_t i = 0; i < count; ++i) sides.push_back({directions[i], lengths[i]});
-    return std::make_shared<kernel::FenceLimit>(control_points, pairs, std::move(sides));
+    for (std::size_t i = 0; i < pieces.pairs; ++i) sides.push_back({directions[i], lengths[i]});
+    return std::make_shared<FenceLimit>(pieces, std::move(sides));
 }
 
 void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buffer& normals,
                   const py::buffer& offsets) {
     const Array<const double> points(path, "path");
     expect(points.axes() == 3 && points.shape(2) == 2
-               && limit.fits(points.shape(0) - 2, int(points.shape(1))), "path");
-    const Array<double> normal(normals, "normals", 2 * limit.pieces());
-    const Array<double> offset(offsets, "offsets", limit.pieces());
+               && limit.vectors().fits(points.shape(0) - 2, points.shape(1)), "path");
+    const std::size_t pieces = limit.count() / limit.controls();
+    const Array<double> normal(normals, "normals", 2 * pieces), offset(offsets, "offsets", pieces);
     kernel::LineSet set;
     limit.choose_lines(points.data(), set);
-    for (std::size_t i = 0; i < set.lines.size(); ++i) {
-        normal[2 * i] = set.lines[i].normal.x;
-        normal[2 * i + 1] = set.lines[i].normal.y;
-        offset[i] = set.lines[i].offset;
+    for (std::size_t i = 0; i < pieces; ++i) {
+        const kernel::Line& line = set.lines[i * limit.controls()];
+        normal[2 * i] = line.normal.x;
+        normal[2 * i + 1] = line.normal.y;
+        offset[i] = line.offset;
     }
 }
 
 // Evaluate all methods of a limit for a path and moves of its points: for tests.
-py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::buffer& moves,
-                        double fraction) {
+py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::buffer& moves) {
     const Array<const double> point(path, "path"), move(moves, "moves");
     expect(point.axes() == 3 && point.shape(2) == 2, "path");
     const std::size_t slots = point.shape(0) - 2, uavs = point.shape(1), size = 3 * uavs * slots;
-    expect(limit.fits(slots, int(uavs)) && move.size() == point.size(), "path, moves");
+    expect(limit.vectors().fits(slots, uavs) && move.size() == point.size(), "path, moves");
     kernel::LineSet lines;
-    kernel::Slacks slacks;
-    kernel::Slopes slopes;
+    kernel::Slacks slacks, slopes;
     limit.choose_lines(point.data(), lines);
     slacks.lines = &lines;
     limit.find_slacks(point.data(), slacks);
     limit.find_slopes(slacks, move.data(), slopes);
     Reals lengths(uavs, 1.0), gradient(size), duals(slacks.values);
-    limit.limit_steps(slacks, slopes, fraction, lengths.data());
+    limit.limit_steps(slacks, slopes, lengths.data());
     limit.add_gradient(slacks, 1.0, gradient.data());
     for (double& dual : duals) dual = 1.0 / dual;
-    const int height = limit.bandwidth() + 1;
+    const int height = limit.vectors().bandwidth() + 1;
     Reals band((size + height) * height);
     limit.add_curvature(slacks, duals, {band.data(), height});
     double slope = 0.0, curvature = 0.0;
@@ -179,25 +164,21 @@ py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::bu
 
 void add_limits(py::module_& module) {
     using py::arg;
-    py::class_<Limit, std::shared_ptr<Limit>>(module, "Limit").def("evaluate", &evaluate_limit);
-    py::class_<kernel::NormLimit, Limit, std::shared_ptr<kernel::NormLimit>>(module, "NormLimit")
-        .def(py::init(&make_norm_limit), arg("slots"), arg("order"), arg("square"),
-             arg("ignored"), arg("end_moves"));
-    py::class_<ControlPoints>(module, "ControlPoints")
-        .def(py::init(&make_control_points), arg("weights"), arg("all_weights"),
-             arg("constant"));
+    py::class_<Vectors>(module, "Vectors")
+        .def(py::init(&make_vectors), arg("varies"), arg("points"), arg("weights"),
+             arg("constants"), arg("differences"));
+    py::class_<Limit, std::shared_ptr<Limit>>(module, "Limit")
+        .def(py::init(&make_limit), arg("vectors"), arg("ignored"), arg("squares"))
+        .def("evaluate", &evaluate_limit);
     py::class_<LineLimit, Limit, std::shared_ptr<LineLimit>>(module, "LineLimit")
         .def("choose_lines", &choose_lines);
-    py::class_<kernel::ZoneLimit, LineLimit, std::shared_ptr<kernel::ZoneLimit>>(
-        module, "ZoneLimit")
-        .def(py::init(&make_zone_limit), arg("control_points"), arg("first"), arg("ignored"),
-             arg("polygons"));
-    py::class_<kernel::SeparationLimit, LineLimit, std::shared_ptr<kernel::SeparationLimit>>(
+    py::class_<ZoneLimit, LineLimit, std::shared_ptr<ZoneLimit>>(module, "ZoneLimit")
+        .def(py::init(&make_zone_limit), arg("control_points"), arg("ignored"), arg("polygons"));
+    py::class_<SeparationLimit, LineLimit, std::shared_ptr<SeparationLimit>>(
         module, "SeparationLimit")
-        .def(py::init(&make_separation_limit), arg("control_points"), arg("first"),
-             arg("second"), arg("ignored"), arg("radii"));
-    py::class_<kernel::FenceLimit, LineLimit, std::shared_ptr<kernel::FenceLimit>>(
-        module, "FenceLimit")
-        .def(py::init(&make_fence_limit), arg("control_points"), arg("first"), arg("ignored"),
-             arg("normals"), arg("offsets"));
+        .def(py::init(&make_separation_limit), arg("control_points"), arg("ignored"),
+             arg("radii"));
+    py::class_<FenceLimit, LineLimit, std::shared_ptr<FenceLimit>>(module, "FenceLimit")
+        .def(py::init(&make_fence_limit), arg("control_points"), arg("ignored"), arg("normals"),
+             arg("offsets"));
 }

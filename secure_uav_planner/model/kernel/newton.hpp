@@ -73,7 +73,7 @@ struct BarrierProblem {
     // The number of rows of the Hessian's band below its diagonal.
     int bandwidth() const {
         int rows = 3 * uavs - 1;
-        for (const auto& limit : limits) rows = std::max(rows, limit->bandwidth());
+        for (const auto& limit : limits) rows = std::max(rows, limit->vectors().bandwidth());
         return rows;
     }
 };

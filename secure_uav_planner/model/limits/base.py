@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..airspace import Airspace
 from ..grid import Grid
@@ -19,9 +20,8 @@ class Limit(ABC):
     """
     One limit of a scenario.
 
-    A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls validate, `Incumbent` calls retract, and `joint` uses the form
-    of the kernel.
+    A new limit is one subclass of this, named in `limits.LIMITS`. `Plan` calls validate,
+    `Incumbent` calls retract, and `joint` uses the form of the kernel.
 
     :cvar constrains_positions: whether it limits positions rather than powers.
     :param grid: of the flights.
@@ -79,6 +79,25 @@ class Limit(ABC):
         :param powers: (U, N) in W.
         """
         return positions, powers
+
+
+def compile_vectors(grid: Grid, points: NDArray[np.intp], weights: ArrayLike,
+                    constants: Array, differences: bool = False) -> core.Vectors:
+    """
+    Return the kernel's form of vectors that are weighted sums of points of flights.
+
+    :param points: U n + u of point n of UAV u, (..., T).
+    :param weights: of these, which broadcast to their shape.
+    :param constants: added to each vector, (..., 2) in units.
+    :param differences: whether the weights of each vector add up to 0.
+    """
+    varies = np.zeros((grid.slots + 2, len(grid.fixed)), bool)
+    varies[1:-1] = ~grid.fixed
+    shape = (*constants.shape[:-1], points.shape[-1])
+    return core.Vectors(
+        varies, np.ascontiguousarray(np.broadcast_to(points, shape), np.int64),
+        np.ascontiguousarray(np.broadcast_to(weights, shape), float),
+        np.ascontiguousarray(constants), differences)
 
 
 class PeakPower(Limit):

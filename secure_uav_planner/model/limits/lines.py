@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Limit
+from .base import compile_vectors, Limit
 from ..grid import Grid
 from ..kernel import core
 from ...mission.scenario import Array
@@ -74,11 +74,6 @@ class ControlPoints:
             weights[free[end], :, inner] -= beyond[free[end]]
             self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
 
-    @cached_property
-    def compiled(self) -> core.ControlPoints:
-        """Return the kernel's form."""
-        return core.ControlPoints(self.weights, self.all_weights, self.constant)
-
     def evaluate(self, path: Array) -> Array:
         """Return the control points of a path, (N+2, U, K, 2) in units."""
         path, weights = path[:, :, None], self.all_weights[..., None]
@@ -131,6 +126,20 @@ class LineLimit(Limit):
     @abstractmethod
     def compiled(self) -> core.LineLimit:
         """Return the kernel's form."""
+
+    @property
+    def compiled_points(self) -> core.Vectors:
+        """Return the kernel's form of the control points of pairs."""
+        number, uavs = np.arange(self.grid.slots + 2)[:, None], len(self.grid.fixed)
+        neighbours = np.clip(number + [0, -1, 1], 0, number[-1])[:, None, None] * uavs
+        weights, constant = self.points.all_weights[..., [1, 0, 2]], self.points.constant
+        points, factors = neighbours + self.first[:, None, None], weights[:, self.first]
+        constants = constant[:, self.first]
+        if self.second is not None:
+            points = np.concatenate([points, neighbours + self.second[:, None, None]], axis=-1)
+            factors = np.concatenate([factors, -weights[:, self.second]], axis=-1)
+            constants = constants - constant[:, self.second]
+        return compile_vectors(self.grid, points, factors, constants)
 
     def choose_lines(self, path: Array) -> Lines:
         """

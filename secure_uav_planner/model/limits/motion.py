@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Limit
+from .base import compile_vectors, Limit
 from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
@@ -50,11 +50,18 @@ class NormLimit(Limit):
         return len(self.stencil) - 1
 
     @property
-    def compiled(self) -> core.NormLimit:
-        return core.NormLimit(
-            self.grid.slots, order=self.order,
-            square=(self.longest / self.grid.length)**2, ignored=self.absent | self.grid.fixed,
-            end_moves=self._end_moves / self.grid.length)
+    def compiled(self) -> core.Limit:
+        grid, uavs = self.grid, len(self.longest)
+        number = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
+        inside = np.clip(number, 0, grid.slots + 1)[:, None]
+        constant = np.zeros((*self.absent.shape, 2))
+        constant[0] -= self._end_moves[0] / grid.length
+        constant[-1] += self._end_moves[1] / grid.length
+        vectors = compile_vectors(
+            grid, inside * uavs + np.arange(uavs)[:, None], self.stencil, constant,
+            differences=True)
+        squares = np.broadcast_to((self.longest / grid.length)**2, self.absent.shape)
+        return core.Limit(vectors, self.absent | grid.fixed, np.ascontiguousarray(squares))
 
     @abstractmethod
     def _longest(self) -> Array:

@@ -45,8 +45,7 @@ class FenceLimit(LineLimit):
 
     @cached_property
     def compiled(self) -> core.FenceLimit:
-        return core.FenceLimit(self.points.compiled, self.first, self.ignored, self._normals,
-                               self._offsets)
+        return core.FenceLimit(self.compiled_points, self.ignored, self._normals, self._offsets)
 
 
 class ZoneLimit(LineLimit):
@@ -73,7 +72,7 @@ class ZoneLimit(LineLimit):
 
     @cached_property
     def compiled(self) -> core.ZoneLimit:
-        return core.ZoneLimit(self.points.compiled, self.first, self.ignored, self._polygons)
+        return core.ZoneLimit(self.compiled_points, self.ignored, self._polygons)
 
 
 def _pad(vertices: Array, count: int) -> Array:
@@ -101,9 +100,7 @@ class SeparationLimit(LineLimit):
 
     @cached_property
     def compiled(self) -> core.SeparationLimit:
-        assert self.second is not None
-        return core.SeparationLimit(self.points.compiled, self.first, self.second, self.ignored,
-                                    self._radii)
+        return core.SeparationLimit(self.compiled_points, self.ignored, self._radii)
 
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
                        raise_if_over: Callable[[], None]) -> Lines:
