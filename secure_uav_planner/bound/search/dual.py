@@ -6,8 +6,8 @@ breakpoint of w0 and silence, and smoothed to tau log sum exp(. / tau). It is jo
 potentials, v and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s
 and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
 
-Newton's linear system is a block arrow: a chain of edges is joined by slot groups, and the prices
-of power border all of them.
+Newton's linear system is an arrow: a band, in which the potentials at an edge and the v of the group
+after it follow each other, and the prices of power as its border.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ class ArrowSystem:
     def slope(self, step: DualPoint) -> float:
         """Return the derivative along a step."""
         x = step.potentials.reshape(self.edge.shape)
-        local = np.concatenate([step.v, _spread(x, step.prices)], 1)
+        local = np.concatenate([x[:-1], step.v, x[1:], np.broadcast_to(
+            step.prices, (len(step.v), len(step.prices)))], 1)
         return float((self.group * local).sum() + (self.edge * x).sum()
                      + self.price @ step.prices)
 
@@ -74,75 +75,44 @@ class ArrowSystem:
         of a group in units^2: it limits changes of the potentials from edge to edge, and of those
         at both ends. The diagonal of v and of the prices is raised by it as a share.
 
-        v is eliminated in every group, then the potentials by a banded Cholesky factorisation.
-
         :raises numpy.linalg.LinAlgError: where the Hessian is not positive definite.
         """
-        layout, width, count = self.layout, self.edge.shape[1], len(self.group)
-        solved, hessian, gradient = self._eliminate_v(damping)
-        # What is left of a group's unknowns begins with the edge before it.
-        before, after, price = (slice(part.start - layout.before.start,
-                                      part.stop - layout.before.start)
-                                for part in (layout.before, layout.after, layout.prices))
+        before, v, after, price = self.layout
+        (count, width), size, shift = self.edge.shape, after.stop, after.start
         change = (damping * self.sharpness)[:, None, None] * np.eye(width)
+        groups, edges = self.groups.copy(), self.edges + 1e-9 * np.eye(width)
         for side, opposite in ((before, after), (after, before)):
-            hessian[:, side, side] += change
-            hessian[:, side, opposite] -= change
-        diagonal, edge = self.edges.copy(), self.edge.copy()
-        border = np.zeros((count + 1, width, len(self.price)))
-        for at, part in ((slice(0, -1), before), (slice(1, None), after)):
-            diagonal[at] += hessian[:, part, part]
-            edge[at] += gradient[:, part]
-            border[at] += hessian[:, part, price]
-        diagonal = diagonal + 1e-9 * np.eye(width)
-        diagonal[[0, -1]] += change[[0, -1]]
-        columns = border.reshape(-1, len(self.price))
-        answer = _solve_chain(diagonal, hessian[:, after, before],
-                              np.concatenate([columns, edge.reshape(-1, 1)], 1))
-        corner = (np.diag(self.prices) + hessian[:, price, price].sum(0)
-                  - columns.T @ answer[:, :-1])
-        corner = corner + damping * np.diag(np.abs(np.diag(corner)))
-        prices = -np.linalg.solve(corner, self.price + gradient[:, price].sum(0)
-                                  - columns.T @ answer[:, -1])
-        x = (-answer[:, -1] - answer[:, :-1] @ prices).reshape(count + 1, width)
-        v = -solved[..., -1] - np.matmul(
-            solved[..., :-1], _spread(x, prices)[..., None])[..., 0]
-        return DualPoint(self.potential, x.reshape(count + 1, len(prices), -1), v, prices)
-
-    def _eliminate_v(self, damping: float) -> tuple[Array, Array, Array]:
-        """Return v by the other unknowns and a constant, and the Hessian and gradient left."""
-        v, rest = self.layout.v, slice(self.layout.before.start, None)
-        own, joint = self.groups[:, v, v], self.groups[:, v, rest]
-        own = own + (damping * np.einsum('gii->gi', own) + 1e-12)[:, :, None] * np.eye(v.stop)
-        solved = np.linalg.solve(own, np.concatenate([joint, self.group[:, v, None]], -1))
-        transposed = joint.transpose(0, 2, 1)
-        return (solved, self.groups[:, rest, rest] - np.matmul(transposed, solved[..., :-1]),
-                self.group[:, rest] - np.matmul(transposed, solved[..., -1:])[..., 0])
-
-
-def _spread(x: Array, prices: Array) -> Array:
-    """Gather the x of each group at the edges, (G + 1, U P), and the prices (U,)."""
-    return np.concatenate(
-        [x[:-1], x[1:], np.broadcast_to(prices, (len(x) - 1, len(prices)))], 1)
-
-
-def _solve_chain(diagonal: Array, below: Array, right: Array) -> Array:
-    """
-    Solve a block tridiagonal system.
-
-    :param diagonal: blocks of the symmetric matrix, (G + 1, P, P).
-    :param below: blocks below those, (G, P, P).
-    :param right: right-hand sides, ((G + 1) P, K).
-    """
-    count, width = diagonal.shape[:2]
-    band = np.zeros((2 * width, count * width))
-    for row in range(width):
+            groups[:, side, side] += change
+            groups[:, side, opposite] -= change
+        edges[[0, -1]] += change[[0, -1]]
+        raised = np.arange(v.start, v.stop)
+        groups[:, raised, raised] = (1 + damping) * groups[:, raised, raised] + 1e-12
+        # The diagonals below the main one, of rows of an edge and v; the last v is none.
+        band = np.zeros((count, shift, size))
+        for column in range(size):
+            edge, row = divmod(column, shift)
+            band[edge:count - 1 + edge, row, :size - column] += groups[:, column:size, column]
         for column in range(width):
-            if row >= column:
-                band[row - column, column::width] = diagonal[:, row, column]
-            band[width + row - column, column:(count - 1) * width:width] = below[:, row, column]
-    factor = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False, overwrite_ab=True)
-    return np.asarray(scipy.linalg.cho_solve_banded((factor, True), right, check_finite=False))
+            band[:, column, :width - column] += edges[:, column:, column]
+        band[-1, width:, 0] = 1.0
+        # The columns of the prices, and the gradient.
+        right = np.zeros((count, shift, len(self.price) + 1))
+        border = np.concatenate([groups[:, :size, price], self.group[:, :size, None]], -1)
+        right[:-1] += border[:, :shift]
+        right[1:, :width] += border[:, shift:]
+        right[:, :width, -1] += self.edge
+        right = right.reshape(count * shift, -1)
+        factor = scipy.linalg.cholesky_banded(
+            band.reshape(-1, size).T, lower=True, check_finite=False)
+        answer = scipy.linalg.cho_solve_banded((factor, True), right, check_finite=False)
+        corner = np.diag(self.prices) + groups[:, price, price].sum(0) - (
+            right[:, :-1].T @ answer[:, :-1])
+        corner += damping * np.diag(np.abs(np.diag(corner)))
+        prices = -np.linalg.solve(corner, self.price + self.group[:, price].sum(0)
+                                  - right[:, :-1].T @ answer[:, -1])
+        x = -(answer[:, -1] + answer[:, :-1] @ prices).reshape(count, shift)
+        return DualPoint(self.potential, x[:, :width].reshape(count, len(prices), -1),
+                         x[:-1, width:], prices)
 
 
 class Dual:
@@ -306,8 +276,9 @@ class Dual:
         grad[:, la] = -power
         hess[:, own, own] = (1 / rest + inner / slack)[:, None, None]
         for places, total in zip(self.team.listeners, totals):
-            grad[:, places] += np.log(total)[:, None]
-            hess[:, places[:, None], places] += (1 / total)[:, None, None]
+            at = own.start + places
+            grad[:, at] += np.log(total)[:, None]
+            hess[:, at[:, None], at] += (1 / total)[:, None, None]
         hess[:, own, la] = hess[:, la, own] = (inner / price)[:, None]
         hess[:, la, la] = inner * slack / price**2
         return value, grad, hess

@@ -64,22 +64,22 @@ class GroupLayout(NamedTuple):
     """
     Where the parts of a slot group's F unknowns are.
 
-    :param v: eavesdropper multipliers.
     :param before: potentials of all UAVs at the edge before the group.
-    :param after: those at the edge after it.
+    :param v: eavesdropper multipliers.
+    :param after: potentials at the edge after it.
     :param prices: lam.
     """
 
-    v: slice
     before: slice
+    v: slice
     after: slice
     prices: slice
 
     def select_uav(self, i: int) -> NDArray[np.intp]:
         """Return the indices of v, and of a UAV's potentials at both edges and its price."""
-        size = (self.after.stop - self.after.start) // (self.prices.stop - self.prices.start)
+        size = self.before.stop // (self.prices.stop - self.prices.start)
         own = i * size + np.arange(size)
-        return np.r_[self.v, self.before.start + own, self.after.start + own,
+        return np.r_[self.v, own, self.after.start + own,
                      self.prices.start + i]
 
 
@@ -110,7 +110,7 @@ class DualPoint:
         """Return the layout of a group's unknowns."""
         potentials = self.potentials[0].size
         return GroupLayout(*_lay_out(
-            self.v.shape[1], potentials, potentials, len(self.prices)))
+            potentials, self.v.shape[1], potentials, len(self.prices)))
 
     def move(self, step: DualPoint, length: float) -> DualPoint:
         """Return this point moved along a step."""
