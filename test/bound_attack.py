@@ -7,14 +7,13 @@ from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.reachable_set import Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.bound.search.multipliers import build_multipliers, MultiplierSearch
-from secure_uav_planner.bound.search.variables import InitialMultipliers
 from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.model.problem import Problem
 
 
 def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     """Return the MultiplierSearch of a team, run from a plan."""
-    search = MultiplierSearch(team, InitialMultipliers.of(team, plan.positions, plan.powers))
+    search = MultiplierSearch(team, plan.positions, plan.powers)
     for tau in temperatures:
         search.minimise(tau, 6)
     return search

@@ -220,23 +220,23 @@ def test_quadratic_potentials_in_groups_of_several_slots_are_refused():
 def random_terms(region, groups, rng, curved, jams, count=12):
     potential = random_potential(region, groups, rng, curved)
     group = rng.integers(0, len(groups.count), count)
-    slope, curvature = potential.change
     weight = rng.random(count)
     v = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
         np.ones(len(region.radii)), count)
     powers = (np.log(region.peak) - 12, np.log(region.peak)) if jams else None
-    return Terms(region, group, weight, v, slope, curvature, potential.speed_cost(),
-                 np.full(len(slope), 1e-10), 0.3, powers)
+    return Terms(potential, group, weight, v, 0.3, powers)
 
 
 def values(terms, k, places, powers):
     """Return the values of term k at places and powers, by the plain formulas."""
-    region = terms.region
+    potential, group = terms.potential, terms.group[k]
+    region = potential.region
     ground, leaks = region.log_squares(places)
     x, y = places.T
-    group = terms.group[k]
-    value = places @ terms.slope[group] + terms.curvature[group] @ [x * x / 2, x * y, y * y / 2]
-    f, u1, u2, s11, s12, s22 = terms.speed_cost[group]
+    slope, curvature = (part[group] for part in potential.change)
+    value = places @ slope + curvature @ [x * x / 2, x * y, y * y / 2]
+    value += potential.constant()[group]
+    f, u1, u2, s11, s12, s22 = potential.speed_cost()[group]
     value += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
     if terms.powers is None:
         return value + terms.weight[k] * (region.log_gain - ground) + (
@@ -252,14 +252,16 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
     rng = np.random.default_rng(seed)
     region = region_of(seed, int(jams), eavesdroppers=eavesdroppers)
     terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
-    for k in range(len(terms)):
+    constant = terms.potential.constant()
+    for k in range(len(terms.group)):
         low, high = (corner[terms.group[k]] for corner in region.bounding_box)
         centre = rng.uniform(low, high)
         half = (high - low) * np.exp(rng.uniform(-6, 0)) * rng.random(2) + 1e-9
         if jams:
             centre = np.append(centre, rng.uniform(*terms.powers))
             half = np.append(half, np.exp(rng.uniform(-5, 1)))
-        value, bound = terms.bound_box(k, centre, half)
+        value, bound = (part + constant[terms.group[k]]
+                        for part in terms.compiled.bound_box(k, centre, half))
         points = rng.uniform(centre - half, centre + half, (300, len(centre)))
         corners = centre + half * rng.choice([-1, 1], (30, len(centre)))
         points = np.concatenate([points, corners])
@@ -276,8 +278,8 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
     rng = np.random.default_rng(5)
     region = region_of(3, int(jams))
     terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
-    bounds = terms.bound_maxima(np.full(len(terms), -np.inf))
-    for k in range(len(terms)):
+    bounds = terms.bound_maxima(np.full(len(terms.group), -np.inf))
+    for k in range(len(terms.group)):
         places = places_in(region, terms.group[k], rng, 3000)
         powers = np.exp(rng.uniform(*terms.powers, len(places))) if jams else None
         best = values(terms, k, places, powers).max()
@@ -288,7 +290,7 @@ def test_a_branch_and_bound_cut_short_is_valid():
     rng = np.random.default_rng(6)
     region = region_of(4, 1)
     terms = random_terms(region, SlotGroups.of(6), rng, False, True)
-    nothing = np.full(len(terms), -np.inf)
+    nothing = np.full(len(terms.group), -np.inf)
     exact = terms.bound_maxima(nothing)
     assert (terms.bound_maxima(nothing, budget=100) >= exact - 4e-4).all()
     calls = iter([False] * 5 + [True] * 10**6)
@@ -376,14 +378,14 @@ def powers_above(seed, count=8):
     silent = certificate.bound_silence(potential, np.full(6, -np.inf), bool)
     bounds = certificate.bound_terms(team, potential, 1, silent, group, weights, v, price,
                                      np.full(count, -np.inf), bool)
-    terms, extra = certificate.build_terms(team, potential, 1, group, weights, v, price)
+    terms = Terms(potential, group, weights, v, price, certificate.find_power_range(team, 1))
     differences = []
     for k in range(count):
         places = places_in(team.regions[1], group[k], rng)
         powers = team.regions[1].peak * np.exp(rng.uniform(-25, 0, len(places)))
         powers[rng.random(len(places)) < 0.3] = 0.0
         with np.errstate(divide='ignore'):
-            differences.append((values(terms, k, places, powers) + extra[k] - bounds[k]).max())
+            differences.append((values(terms, k, places, powers) - bounds[k]).max())
     return max(differences)
 
 

@@ -14,9 +14,8 @@ import numpy as np
 from .proof.certificate import certify
 from .proof.detours import DetourSearch
 from .proof.reachable_set import Team
-from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_GROUPS, SlotGroups
+from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_GROUPS
 from .search.multipliers import build_multipliers, MultiplierSearch
-from .search.variables import DualPoint, InitialMultipliers
 from ..errors import OptionError, PlanningError, TimeLimitError
 from ..mission import OBJECTIVES
 from ..mission.fields import check_argument, Choice
@@ -214,20 +213,17 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
         scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1])
     subset = subset.select_loudest(sinrs, most, scenario.colluding)
 
-    def build_level(groups: int) -> tuple[Team, InitialMultipliers]:
-        team = Team.of(scenario, subset, detours.detours, groups)
-        return team, InitialMultipliers.of(team, positions, powers)
-
     groups = min(scenario.slots, MOST_GROUPS)
     coarse_groups = max(-(-groups // SLOTS_A_GROUP), min(groups, FEWEST_GROUPS))
-    coarse = MultiplierSearch(*build_level(coarse_groups), None, best.reserve_time(1.0))
+    coarse = MultiplierSearch(Team.of(scenario, subset, detours.detours, coarse_groups),
+                              positions, powers, best.reserve_time(1.0))
     with best.proving(coarse):
         _anneal(coarse, COARSE)
-    team, initial = build_level(groups)
-    point = _refine_point(coarse, team.groups, initial.weight)
+    team = Team.of(scenario, subset, detours.detours, groups)
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
-        fine = MultiplierSearch(team, initial, point, best.reserve_time(ratio))
+        fine = MultiplierSearch(team, positions, powers, best.reserve_time(ratio))
+        fine.begin_from(coarse)
         fine.raise_if_over()
         with best.proving(fine):
             _anneal(fine, FINE)
@@ -273,21 +269,3 @@ def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
         for _ in range(rounds):
             search.raise_if_over()
             search.minimise(tau, ITERATIONS)
-
-
-def _refine_point(search: MultiplierSearch, new: SlotGroups, weights: Array) -> DualPoint:
-    """
-    Return a search's multipliers, interpolated to shorter groups.
-
-    :param weights: w0 of the new groups.
-    """
-    point, old, weight = search.point, search.team.groups, search.weight
-    x = point.potentials.reshape(len(old.edges), -1)
-    potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
-    group = np.searchsorted(old.last, (new.first + new.last) // 2)
-    # The slack w0 - s, which may be tiny, stays the same.
-    v = point.v[group]
-    total = v.sum(-1)
-    new_total = np.clip(weights - (weight[group] - total), 0.02, weights * (1 - 1e-7))
-    return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
-                   v=v * (new_total / total)[..., None])

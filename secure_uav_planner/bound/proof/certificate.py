@@ -100,9 +100,7 @@ class Multipliers:
     """
     The multipliers of a certificate: any numbers are valid, good ones make it tight.
 
-    :param slope: u of every UAV's potential, (U, G + 1, 2) in nats per unit of its set.
-    :param curvature: S of every UAV's potential, (U, G + 1, 3) in nats per unit^2.
-    :param acceleration: w of every UAV, (U, G + 1, 2) in nats per unit.
+    :param potentials: of every UAV.
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
     :param v: eavesdropper multipliers at the breakpoints, (K, G, E), not negative, with a sum of
@@ -111,9 +109,7 @@ class Multipliers:
     :param incumbents: the same at the breakpoints, (U, K, G).
     """
 
-    slope: Array
-    curvature: Array
-    acceleration: Array
+    potentials: tuple[Potential, ...]
     prices: Array
     weights: Array
     v: Array
@@ -149,10 +145,7 @@ def certify(team: Team, multipliers: Multipliers,
     :param multipliers: any; good ones make the rate small.
     :param stop: asked now and then; True ends the branch and bound: the rate is valid, but larger.
     """
-    potentials = tuple(Potential(slope, curvature, acceleration, team.groups, region)
-                       for slope, curvature, acceleration, region in zip(
-                           multipliers.slope, multipliers.curvature, multipliers.acceleration,
-                           team.regions))
+    potentials = multipliers.potentials
     prices = np.maximum(multipliers.prices, 0.0)
     if (np.diff(multipliers.weights, axis=0) < 0).any() or (multipliers.weights[-1] != 1).any():
         raise AssertionError('the breakpoints of w0 must rise to 1')
@@ -184,17 +177,13 @@ def certify(team: Team, multipliers: Multipliers,
 
 def bound_silence(potential: Potential, incumbents: Array, stop: Callable[[], bool]) -> Array:
     """Return a bound of a silent UAV's term, its potential, (G,) in nats."""
-    region = potential.region
-    slope, curvature = potential.change
-    index = np.arange(len(slope))
-    extra = potential.constant()
-    spare = margin(region.altitude, potential.magnitude())
+    region, groups = potential.region, np.arange(len(potential.groups.count))
     if not potential.is_quadratic and region.detours is None:
-        return np.asarray(region.support(slope, index) + extra + spare)
-    none = np.zeros(len(slope))
-    terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, curvature,
-                  potential.speed_cost(), spare)
-    return np.asarray(terms.bound_maxima(incumbents - extra, stop) + extra)
+        return np.asarray(region.support(potential.change[0], groups) + potential.constant()
+                          + margin(region.altitude, potential.magnitude()))
+    terms = Terms(potential, groups, np.zeros(len(groups)),
+                  np.zeros((len(groups), len(region.radii))))
+    return terms.bound_maxima(incumbents, stop)
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:
@@ -202,24 +191,6 @@ def find_power_range(team: Team, uav: int) -> tuple[float, float]:
     region, top = team.regions[uav], math.log(team.regions[uav].peak)
     largest = region.log_gain + max(0.0, float(region.log_advantages.max()))
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
-
-
-def build_terms(team: Team, potential: Potential, uav: int, group: Index, weights: Array,
-                v: Array, price: float) -> tuple[Terms, Array]:
-    """
-    Return functions whose maxima are M_i at breakpoints, up to constants.
-
-    :param group: of every function, (M,).
-    :param weights: w0, (M,).
-    :param v: eavesdropper multipliers, (M, E).
-    :return: M functions, and the constants to add, (M,).
-    """
-    region = potential.region
-    slope, curvature = potential.change
-    spare = margin(region.altitude, potential.magnitude() + price * region.peak)
-    terms = Terms(region, group, weights, v, slope, curvature, potential.speed_cost(), spare,
-                  price, find_power_range(team, uav) if uav else None)
-    return terms, potential.constant()[group]
 
 
 def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group: Index,
@@ -231,12 +202,12 @@ def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
     potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
     """
-    terms, extra = build_terms(team, potential, uav, group, weights, v, price)
-    least = np.full(len(terms), -np.inf)
-    if uav:
-        least = silent[group] + math.log1p(FLOOR) * terms.v.sum(-1) + terms.margin[group]
-    incumbents = np.maximum(incumbents, least - TOLERANCE) - extra
-    return np.asarray(np.maximum(terms.bound_maxima(incumbents, stop) + extra, least))
+    if not uav:
+        return Terms(potential, group, weights, v, price).bound_maxima(incumbents, stop)
+    terms = Terms(potential, group, weights, v, price, find_power_range(team, uav))
+    least = silent[group] + math.log1p(FLOOR) * v.sum(-1) + terms.margin[group]
+    bounds = terms.bound_maxima(np.maximum(incumbents, least - TOLERANCE), stop)
+    return np.asarray(np.maximum(bounds, least))
 
 
 def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,

@@ -173,33 +173,24 @@ class Potential:
 @dataclass(frozen=True, eq=False)
 class Terms:
     """
-    M functions of one UAV's place, and a jammer's power, each with the reachable set of its group.
+    M functions of one UAV's place, and a jammer's power, each over the reachable set of its group.
 
-    :param region: of the UAV.
+    They are the UAV's terms of the rates, its price of power, and its potential.
+
+    :param potential: of the UAV.
     :param group: of every function, (M,).
     :param weight: w0, (M,).
     :param v: eavesdropper multipliers, (M, E).
-    :param slope: linear part of the potential, (G, 2) in nats per unit.
-    :param curvature: quadratic part as (S_11, S_12, S_22), (G, 3) in nats per unit^2.
-    :param speed_cost: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (G, 6), or zeros.
-    :param margin: for rounding, added to every bound, (G,).
     :param price: lam in nats per W.
     :param powers: lower and upper limits of a jammer's log p, or None where no power counts.
     """
 
-    region: ReachableSet
+    potential: Potential
     group: Index
     weight: Array
     v: Array
-    slope: Array
-    curvature: Array
-    speed_cost: Array
-    margin: Array
     price: float = 0.0
     powers: tuple[float, float] | None = None
-
-    def __len__(self) -> int:
-        return len(self.group)
 
     def bound_maxima(self, incumbents: Array, stop: Callable[[], bool] = lambda: False,
                      budget: float = BUDGET) -> Array:
@@ -213,30 +204,29 @@ class Terms:
         :param stop: asked before every group; True leaves the rest with their first boxes' bounds.
         :param budget: boxes for each function.
         """
-        bounds, tolerance = np.array(incumbents, float), np.full(len(self), TOLERANCE)
+        constant = self.potential.constant()[self.group]
+        bounds, tolerance = incumbents - constant, np.full(len(self.group), TOLERANCE)
         # The functions of a group share their boxes.
         order = np.argsort(self.group, kind='stable')
         for functions in np.split(order, np.flatnonzero(np.diff(self.group[order])) + 1):
             budget = 0.0 if stop() else budget
             self.compiled.bound_maxima(functions, bounds, tolerance, budget)
-        return bounds
+        return np.asarray(bounds + constant)
+
+    @cached_property
+    def margin(self) -> Array:
+        """Margin for rounding, added to every bound, (G,) in nats."""
+        region = self.potential.region
+        return margin(region.altitude, self.potential.magnitude() + self.price * region.peak)
 
     @cached_property
     def compiled(self) -> core.Terms:
-        """Return the kernel's form."""
+        """Return the kernel's form, without the potential's constant."""
+        region = self.potential.region
         slope, curvature, speed_cost, margins, weight, v = (
             np.ascontiguousarray(values, float) for values in (
-                self.slope, self.curvature, self.speed_cost, self.margin, self.weight, self.v))
+                *self.potential.change, self.potential.speed_cost(), self.margin, self.weight,
+                self.v))
         return core.Terms(
-            self.region.compiled, self.region.compiled_links,
-            np.ascontiguousarray(self.group, np.int64), weight, v, slope, curvature, speed_cost,
-            margins, float(self.price), self.powers)
-
-    def bound_box(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
-        """
-        Return a function's value at the centre of a box, and its bound over the box in the set.
-
-        :param centre: (2,), or (3,) with log p.
-        :param half: half the bounding_box, alike.
-        """
-        return self.compiled.bound_box(function, centre, half)
+            region.compiled, region.compiled_links, np.ascontiguousarray(self.group, np.int64),
+            weight, v, slope, curvature, speed_cost, margins, float(self.price), self.powers)

@@ -15,13 +15,24 @@ import numpy as np
 
 from .columns import ColumnPool, Columns, pack_columns
 from .dual import Dual
-from .variables import DualPoint, InitialMultipliers, PotentialLayout
-from ..proof.certificate import entropy, maximise_power, Multipliers
+from .variables import DualPoint, PotentialLayout
+from ..proof.certificate import entropy, maximise_power, Multipliers, sigmoid
 from ..proof.reachable_set import Team
 from ..proof.terms import Potential
 from ...mission.validation import Array
+from ...model.channel.rates import compute_sinr
 from ...model.kernel import core
 from ...optimize.deadline import DeadlineCheck
+
+AUDIBLE = 1e-3
+"""Share of the average power above which a slot counts as one with a transmission."""
+
+LEAK_SHARE, FIRST_PRICE, JAMMER_PRICE = 0.7, 1e-2, 1e-5
+"""
+Sum of the first v over w0, and the first prices of power in nats per W.
+
+Measured: bounds of 87 random missions are no closer with v and prices that a plan suggests.
+"""
 
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
@@ -38,22 +49,51 @@ class MultiplierSearch:
     The state of a search for the multipliers of a team.
 
     :param team: the UAVs.
-    :param initial: the first multipliers, and places and powers around which columns lie.
-    :param point: multipliers that replace the initial ones, or None.
+    :param positions: of a plan, (U, N + 2, 2) in m, around which columns lie.
+    :param powers: likewise, (U, N) in W; in silent groups those of the nearest group with a
+        transmission.
     :param raise_if_over: called before every Newton step; what it raises ends the search.
+    :ivar weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
+    :ivar point: the present multipliers.
     """
 
-    def __init__(self, team: Team, initial: InitialMultipliers, point: DualPoint | None = None,
+    def __init__(self, team: Team, positions: Array, powers: Array,
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
-        self.team, self.raise_if_over = team, raise_if_over
-        layout = PotentialLayout.of(False, team.accelerates)
-        self.point = point if point is not None else DualPoint(layout, np.zeros(
-            (len(team.groups.edges), len(team.regions), layout.acceleration.stop)), initial.v,
-            initial.prices)
-        self.weight = initial.weight
-        self.pools = [ColumnPool(*parts) for parts in zip(
-            team.regions, initial.places, initial.powers)]
-        self._damping = 1e-6
+        self.team, self.raise_if_over, self._damping = team, raise_if_over, 1e-6
+        regions, groups = team.regions, team.groups
+        middle = (groups.first + groups.last) // 2
+        places = [region.local(path[middle]) for region, path in zip(regions, positions)]
+        watts = np.maximum(powers[:, middle - 1], 0.0)
+        sending = np.flatnonzero(watts[0] > AUDIBLE * regions[0].average)
+        if len(sending):
+            group = np.arange(len(middle))[:, None]
+            watts = watts[:, sending[np.abs(sending - group).argmin(1)]]
+        else:
+            watts = np.repeat([[region.average] for region in regions], len(middle), axis=1)
+        sinrs = compute_sinr(np.array([
+            power * np.exp(region.log_gain - region.log_squares(place)[0])
+            for region, place, power in zip(regions, places, watts)]))
+        self.weight = np.clip(sigmoid(np.log(np.maximum(sinrs, 1e-9))), 0.3, 1 - 1e-6)
+        self.pools = [ColumnPool(*parts) for parts in zip(regions, places, watts)]
+        layout, count = PotentialLayout.of(False, team.accelerates), len(regions[0].radii)
+        self.point = DualPoint(
+            layout, np.zeros((len(groups.edges), len(regions), layout.acceleration.stop)),
+            np.repeat(LEAK_SHARE / count * self.weight[:, None], count, axis=1),
+            np.array([FIRST_PRICE, JAMMER_PRICE])[:len(regions)])
+
+    def begin_from(self, coarse: MultiplierSearch) -> None:
+        """Take the multipliers of a search on longer groups, with linear potentials."""
+        point, old, new = coarse.point, coarse.team.groups, self.team.groups
+        x = point.potentials.reshape(len(old.edges), -1)
+        x = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
+        group = np.searchsorted(old.last, (new.first + new.last) // 2)
+        # The slack w0 - s, which may be tiny, stays the same.
+        v = point.v[group]
+        total = v.sum(-1)
+        new_total = np.clip(self.weight - (coarse.weight[group] - total), 0.02,
+                            self.weight * (1 - 1e-7))
+        self.point = replace(point, potentials=x.reshape(-1, *point.potentials.shape[1:]),
+                             v=v * (new_total / total)[..., None])
 
     def evaluate(self, uav: int, columns: Columns, weight: Array | None = None,
                  v: Array | None = None) -> Array:
@@ -128,25 +168,22 @@ class MultiplierSearch:
 
 def build_multipliers(search: MultiplierSearch) -> Multipliers:
     """Return the multipliers of the certificate, with breakpoints of w0 in every group."""
-    point, uavs = search.point, range(len(search.team.regions))
+    uavs = range(len(search.team.regions))
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)
     columns = [pool.recent for pool in search.pools]
-    constant = np.array([_potential_constant(search, i) for i in uavs])
+    potentials = tuple(map(search.potential, uavs))
+    # The part of the potentials that the columns' values leave out.
+    constant = np.array([
+        potential.constant() if potential.is_quadratic else potential.acceleration_cost()
+        for potential in potentials])
     minima = [_minimise_v(search, columns, weight) for weight in weights]
     v = np.array([v for v, _ in minima])
     incumbents = np.array([terms for _, terms in minima]).swapaxes(0, 1) + constant[:, None]
     silent_incumbents = constant + [
         search.evaluate(i, search.pools[i].silent).max(1) for i in uavs]
     return Multipliers(
-        *point.layout.split(point.potentials.transpose(1, 0, 2)), point.prices, weights, v,
-        silent_incumbents, incumbents)
-
-
-def _potential_constant(search: MultiplierSearch, uav: int) -> Array:
-    """Return the part of a UAV's potential that its columns' values leave out, (G,)."""
-    potential = search.potential(uav)
-    return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
+        potentials, search.point.prices, weights, v, silent_incumbents, incumbents)
 
 
 def _slot_constant(team: Team, price: float, weight: Array, v: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The unknowns of the search, the multipliers, and with which it begins."""
+"""The unknowns of the search, the multipliers."""
 
 from __future__ import annotations
 
@@ -13,17 +13,6 @@ from ..proof.certificate import sigmoid
 from ..proof.reachable_set import Team
 from ...mission.validation import Array
 from ...model.channel.rates import compute_sinr
-
-AUDIBLE = 1e-3
-"""Share of the average power above which a slot counts as one with a transmission."""
-
-LEAK_SHARE, FIRST_PRICE, JAMMER_PRICE = 0.7, 1e-2, 1e-5
-"""
-Sum of the first v over w0, and the first prices of power in nats per W.
-
-Measured: bounds of 87 random missions are no closer with v and prices that a plan suggests.
-"""
-
 
 class PotentialLayout(NamedTuple):
     """
@@ -127,48 +116,3 @@ class DualPoint:
             prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
         return replace(self, v=self.v * np.minimum(1.0, 0.9 * most)[..., None],
                        prices=self.prices * np.minimum(1.0, 0.9 * prices))
-
-
-@dataclass(frozen=True, eq=False)
-class InitialMultipliers:
-    """
-    The multipliers with which a search begins.
-
-    :param places: of every UAV in every group, (U, G, 2) in units of its reachable set.
-    :param powers: (U, G) in W; in silent groups those of the nearest group with a transmission.
-    :param weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
-    :param v: eavesdropper multipliers, (G, E).
-    :param prices: lam, (U,) in nats per W.
-    """
-
-    places: Array
-    powers: Array
-    weight: Array
-    v: Array
-    prices: Array
-
-    @classmethod
-    def of(cls, team: Team, positions: Array, powers: Array) -> InitialMultipliers:
-        """
-        Return the multipliers that a plan suggests.
-
-        :param positions: (U, N + 2, 2) in m.
-        :param powers: (U, N) in W.
-        """
-        middle = (team.groups.first + team.groups.last) // 2
-        places = np.array([region.local(path[middle])
-                           for region, path in zip(team.regions, positions)])
-        power = np.maximum(powers[:, middle - 1], 0.0)
-        on = power[0] > AUDIBLE * team.regions[0].average
-        watts = np.repeat([[region.average] for region in team.regions], len(on), axis=1)
-        if on.any():
-            sending = np.flatnonzero(on)
-            watts = power[:, sending[np.abs(sending - np.arange(len(on))[:, None]).argmin(1)]]
-        ground = np.array([
-            p * np.exp(region.log_gain - region.log_squares(place)[0])
-            for region, place, p in zip(team.regions, places, watts)])
-        z0 = np.log(np.maximum(compute_sinr(ground), 1e-9))
-        weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-        count = len(team.regions[0].radii)
-        v = np.repeat(LEAK_SHARE / count * weight[:, None], count, axis=1)
-        return cls(places, watts, weight, v, np.array([FIRST_PRICE, JAMMER_PRICE])[:len(watts)])
