@@ -5,7 +5,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, solve
-from secure_uav_planner.optimize.alternating import solve_problem, TrajectoryProblem
+from secure_uav_planner.optimize.alternating import restrict_trajectories, solve_problem
 
 
 class PanicException(BaseException):
@@ -63,9 +63,8 @@ def test_without_time_left_nothing_is_solved(monkeypatch, time_left):
 def test_the_solver_stops_at_the_deadline():
     scenario = Scenario.paper(200, slots=3000)
     start = fly_hover_fly(scenario)
-    restriction = TrajectoryProblem(scenario)
-    answer, _ = restriction.solve(start.positions, start.powers, time_left=0.01)
-    assert answer is None
+    restriction = restrict_trajectories(scenario, start.positions, start.powers)
+    assert not solve_problem(restriction.problem, time_left=0.01)[0]
 
 
 def test_a_problem_that_is_not_convex_is_an_error_in_the_program():
@@ -100,11 +99,11 @@ def test_a_large_mission_is_solved_again_with_other_zero_powers():
     # Then other entries of the matrices are zero, which CVXPY's warm start did not survive.
     scenario = Scenario.paper(200)
     start = fly_hover_fly(scenario)
-    restriction = TrajectoryProblem(scenario)
     for silent in (slice(0, 0), slice(0, 50), slice(40, 90)):
         powers = start.powers.copy()
         powers[:, silent] = 0.0
-        answer, seconds = restriction.solve(start.positions, powers)
-        assert answer is not None
+        restriction = restrict_trajectories(scenario, start.positions, powers)
+        solved, seconds = solve_problem(restriction.problem)
+        assert solved
         assert seconds > 0
-        assert np.isfinite(answer).all()
+        assert np.isfinite(restriction.get_answer()).all()

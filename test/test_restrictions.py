@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.optimize.alternating import PowerProblem, TrajectoryProblem
+from secure_uav_planner.optimize.alternating import (
+    restrict_powers, restrict_trajectories, solve_problem)
 from strategies import random_powers, scenarios, with_uavs
 
 
@@ -41,20 +42,20 @@ def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario,
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
     local = random_powers(scenario, rng)
-    restriction = PowerProblem(scenario)
-    best, _ = restriction.solve(positions, local)
+    restriction = restrict_powers(scenario, positions, local)
+    solved, _ = solve_problem(restriction.problem)
+    best = [restriction.get_answer()] if solved else []
     unit = np.array([[uav.average_power] for uav in scenario.uavs])
 
     def promised(powers):
         try:
             return value(restriction.problem, [
-                (restriction.powers, np.clip(powers, 0, None) / unit * (1 - 1e-9))])
+                (restriction.variables[0], np.clip(powers, 0, None) / unit * (1 - 1e-9))])
         except Unsolved:
             assume(False)
 
     base = promised(local)
-    for powers in [random_powers(scenario, rng) for _ in range(3)] + (
-            [] if best is None else [best]):
+    for powers in [random_powers(scenario, rng) for _ in range(3)] + best:
         promise = promised(powers) - base
         gained = rate(scenario, positions, powers) - rate(scenario, positions, local)
         assert promise <= gained + 1e-5 * (1 + abs(promise))
@@ -75,13 +76,13 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
             1.0, eve.error_radius / 2)
         local[-1, 1] = eve.position
     powers = random_powers(scenario, rng)
-    restriction = TrajectoryProblem(scenario)
-    restriction.solve(local, powers)  # Whether the solver succeeds or not, it is around here.
+    restriction = restrict_trajectories(scenario, local, powers)
+    solve_problem(restriction.problem)  # Whether the solver succeeds or not, it is around here.
 
     def promised(positions):
         return value(restriction.problem, [
             (move, (path - start) / restriction.unit)
-            for move, path, start in zip(restriction.moves, positions, local)])
+            for move, path, start in zip(restriction.variables, positions, local)])
 
     try:
         base = promised(local)
@@ -110,7 +111,9 @@ def test_a_jammer_above_the_estimate_leaves_it_when_that_pays():
     start = fly_hover_fly(scenario, 'optimised')
     above = np.linalg.norm(start.positions[1] - (60.0, 0.0), axis=-1) == 0
     assert above.sum() > 3
-    answer, _ = TrajectoryProblem(scenario).solve(start.positions, start.powers)
+    restriction = restrict_trajectories(scenario, start.positions, start.powers)
+    assert solve_problem(restriction.problem)[0]
+    answer = restriction.get_answer()
     away = answer[1, above] - (60.0, 0.0)
     assert (away[1:-1, 0] > 1.0).all()
     assert rate(scenario, answer, start.powers) > rate(scenario, start.positions, start.powers)

@@ -12,7 +12,7 @@ from .world import draw_fading, draw_places, draw_sights, draw_tracking_errors, 
 from ..errors import name_missing_package, OptionError, quote
 from ..mission.fields import check_argument, Number
 from ..mission.scenario import Array, read_only, Scenario
-from ..mission.validation import checked_kind
+from ..mission.validation import checked_array, checked_kind
 from ..model.channel.links import make_link
 from ..model.channel.rates import combine_leaks, compute_rate, include_listeners
 from ..plan.plan import Plan
@@ -214,17 +214,9 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
     if world.tracking_std:
         raise OptionError(f'tracking_std is {world.tracking_std:g} m; with flown positions it '
                           'must be 0', ('tracking_std',))
-    shape = plan.powers.shape + (2,)
-    try:
-        positions: Array = np.asarray(flown, float)
-    except (TypeError, ValueError):
-        raise OptionError(f'flown is {quote(flown)}; it must be positions of the shape {shape}',
-                          ('flown',)) from None
-    if positions.shape != shape or not np.isfinite(positions).all():
-        wrong = np.count_nonzero(~np.isfinite(positions))
-        raise OptionError(f'flown has the shape {np.shape(positions)} and {wrong} values that are '
-                          f'not finite; it must be finite positions of the shape {shape}',
-                          ('flown',))
+    positions = checked_array('flown', flown, plan.powers.shape + (2,))
+    if not np.isfinite(positions).all():
+        raise OptionError(f'flown is {quote(flown)}; it must be finite positions', ('flown',))
     return positions
 
 

@@ -7,9 +7,10 @@ inverse is affine in the squared distance, 1 / g = (d^2 + H^2) / beta_0, which a
 then bounds from below.
 """
 
+from collections.abc import Callable
 import logging
 import math
-from typing import Any, Literal, TypeAlias
+from typing import Any, NamedTuple
 import warnings
 
 import cvxpy as cp
@@ -37,188 +38,152 @@ Without it, as in the paper, solves take 3.6 times as long and end lower.
 
 _LOG = logging.getLogger(__name__)
 
-_Problem: TypeAlias = 'PowerProblem | TrajectoryProblem'
 _Bound = tuple[Any, list[Any]]  # A CVXPY expression, and the constraints that make it a bound.
+
+
+class Restriction(NamedTuple):
+    """
+    A convex restriction at a local point.
+
+    :param problem: the cvxpy.Problem, in nats summed over the slots, up to a constant.
+    :param variables: its variables, in units.
+    :param unit: of these, in W or m.
+    :param get_answer: called once it is solved; returns what it has found, in W or m.
+    """
+
+    problem: Any
+    variables: list[Any]
+    unit: Any
+    get_answer: Callable[[], Array]
 
 
 def alternate(incumbent: Incumbent) -> Status:
     """Improve an incumbent by the paper's algorithm until a round gains less than TOLERANCE."""
-    scenario = incumbent.scenario
-    problems: list[_Problem] = [
-        *[PowerProblem(scenario)] * POWER_STEPS, TrajectoryProblem(scenario)]
     for _ in range(MAX_ROUNDS):
         before = incumbent.rate
         solved = True
-        for problem in problems:
+        for step in (*['power'] * POWER_STEPS, 'trajectory'):
             incumbent.deadline.raise_if_over()
-            solved &= _step(incumbent, problem)
+            solved &= _improve(incumbent, step)
         if incumbent.rate - before < TOLERANCE:
             incumbent.deadline.raise_if_over()
             return 'converged' if solved else 'numerical_trouble'
     return 'iteration_limit'
 
 
-def _step(incumbent: Incumbent, problem: '_Problem') -> bool:
-    """Solve a restriction at the present iterate; return True if the solver succeeded."""
-    local = getattr(incumbent, problem.block)
-    answer, seconds = problem.solve(
-        incumbent.positions, incumbent.powers, incumbent.deadline.time_left)
+def _improve(incumbent: Incumbent, step: str) -> bool:
+    """Take a step, by its name in the history; return True if the solver succeeded."""
+    positions, powers = incumbent.positions, incumbent.powers
+    restrict = restrict_powers if step == 'power' else restrict_trajectories
+    restriction = restrict(incumbent.scenario, positions, powers)
+    solved, seconds = solve_problem(restriction.problem, incumbent.deadline.time_left)
     incumbent.solver_time += seconds
-    if answer is not None:
+    if solved:
+        name, local = ('powers', powers) if step == 'power' else ('positions', positions)
+        move = restriction.get_answer() - local
         # A restriction is a lower bound: go further along its step while the true rate rises.
         length = 1.0
-        while incumbent.try_improve(**{problem.block: local + length * (answer - local)}):
+        while incumbent.try_improve(**{name: local + length * move}):
             length *= STRETCH
-    incumbent.report(problem.step)
-    return answer is not None
+    incumbent.report(step)
+    return solved
 
 
-class PowerProblem:
+def restrict_powers(scenario: Scenario, positions: Array, powers: Array) -> Restriction:
     """
-    The convex restriction (13) of problem (11).
+    Return the convex restriction (13) of problem (11), which maximises the sum of rates.
 
     All logarithms are natural, their arguments are 1 at the local point, and powers are in units
     of the average power: values near one keep the solver accurate.
 
-    :cvar step: name of a solve in the history of a plan.
-    :cvar block: the variables that a solve improves.
-    :ivar problem: the last cvxpy.Problem, which maximises the sum of the slots' rates in nats.
-    :ivar powers: its variable, (U, N) in units of the average power.
+    :param positions: q_i[n], (U, N+2, 2) in m.
+    :param powers: the local point p_i^(m)[n], (U, N) in W.
     """
-
-    step = 'power'
-    block: Literal['powers'] = 'powers'
-
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
-
-    def solve(self, positions: Array, powers: Array,
-              time_left: float = np.inf) -> tuple[Array | None, float]:
-        """
-        Return the powers that maximise the restriction at a local point.
-
-        :param positions: q_i[n], (U, N+2, 2) in m.
-        :param powers: the local point p_i^(m)[n], (U, N) in W.
-        :param time_left: the limit for Clarabel in s.
-        :return: powers, (U, N) in W, nearly feasible, or None if none were found; and the time
-            inside the solver in s.
-        """
-        unit = self._scenario.average_powers[:, None]
-        local, gains = powers / unit, ground_gains(self._scenario, positions) * unit
-        self.powers: Any = cp.Variable(powers.shape)
-        leakage = cp.Variable(powers.shape[1])
-        interference = _drop_transmitter(gains)
-        rate = (_log_of_sum(gains, local, self.powers) - leakage
-                - _dot(interference / _total(interference, local), self.powers))
-        constraints = [
-            self.powers >= 0, self.powers <= self._scenario.peak_powers[:, None] / unit
-            @ np.ones((1, powers.shape[1])), cp.sum(self.powers, axis=1) <= powers.shape[1]]
-        constraints += [leakage >= _leakage_bound(gains * unit, local, self.powers)
-                        for gains in guaranteed_gains(self._scenario, positions)]
-        self.problem = cp.Problem(cp.Maximize(cp.sum(rate)), constraints)
-        solved, seconds = solve_problem(self.problem, time_left)
-        return (self.powers.value * unit if solved else None), seconds
+    unit = scenario.average_powers[:, None]
+    local, gains = powers / unit, ground_gains(scenario, positions) * unit
+    variable: Any = cp.Variable(powers.shape)
+    leakage = cp.Variable(powers.shape[1])
+    interference = _drop_transmitter(gains)
+    rate = (_log_of_sum(gains, local, variable) - leakage
+            - _dot(interference / _total(interference, local), variable))
+    constraints = [
+        variable >= 0, variable <= scenario.peak_powers[:, None] / unit
+        @ np.ones((1, powers.shape[1])), cp.sum(variable, axis=1) <= powers.shape[1]]
+    constraints += [leakage >= _leakage_bound(gains * unit, local, variable)
+                    for gains in guaranteed_gains(scenario, positions)]
+    return Restriction(cp.Problem(cp.Maximize(cp.sum(rate)), constraints), [variable], unit,
+                       lambda: variable.value * unit)
 
 
-class TrajectoryProblem:
+def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -> Restriction:
     """
-    The convex restriction (18) of problem (14).
+    Return the convex restriction (18) of problem (14), which minimises the loss of rate.
 
-    Its variables are displacements from the local point in units of a typical distance, and
-    zeta, xi and tau are logarithms of the paper's, zero at the local point. A logarithm is only
-    defined above zero, so the paper's lower bounds (15d) are not needed.
+    Its variables are displacements of each UAV, (N+2, 2), from the local point in units of a
+    typical distance, and zeta, xi and tau are logarithms of the paper's, zero at the local point.
+    A logarithm is only defined above zero, so the paper's lower bounds (15d) are not needed.
 
-    :cvar step: name of a solve in the history of a plan.
-    :cvar block: the variables that a solve improves.
-    :ivar problem: the last cvxpy.Problem, which minimises the loss of rate since the local point
-        in nats, up to a constant, summed over the slots.
-    :ivar moves: its variables, the displacements of every UAV, (N+2, 2) in units of `unit`.
-    :ivar unit: the typical distance of the last solve, in m.
+    :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
+    :param powers: p_i[n], (U, N) in W.
     """
+    offset = positions[:, 1:-1] - scenario.receivers.ground_nodes[0]
+    gains, inverse = _evaluate_link(make_link(scenario, 'ground_node'),
+                                    ground_squared_distances(scenario, positions))
+    unit = float(1 / np.sqrt(np.median(inverse)))
+    moves: list[Any] = [cp.Variable(path.shape) for path in positions]
+    paths = [path / unit + move for path, move in zip(positions, moves, strict=True)]
+    constraints = [cp.hstack([end for move in moves for end in (move[0], move[-1])]) == 0]
+    constraints += [cp.norm(path[1:] - path[:-1], axis=1) <= longest / unit
+                    for path, longest in zip(paths, scenario.max_step, strict=True)]
 
-    step = 'trajectory'
-    block: Literal['positions'] = 'positions'
+    x, y = (cp.vstack([move[1:-1, axis] for move in moves]) for axis in (0, 1))
+    received, inverse = gains * powers, inverse * unit**2
+    slopes = 2 * offset / unit * inverse[..., None]
+    # At the ground node, with the paper's a and b.
+    shares = received / (1 + received.sum(axis=0))
+    loss = cp.sum(_along(shares[..., None] * slopes, x, y) + cp.multiply(
+        shares * inverse, cp.square(x) + cp.square(y)), axis=0)
+    if len(paths) > 1:  # y_k is the logarithm of zeta of (17a).
+        interference, needed = _log_of_sum_bound(received[1:], slopes[1:], x[1:], y[1:])
+        loss += interference[0]
+        constraints += needed
+    bounds, needed = _leakage_bounds(scenario, unit, positions, powers, x, y, paths)
+    largest = cp.Variable((1, scenario.slots))
+    constraints += [*needed, np.ones((bounds.shape[0], 1)) @ largest >= bounds]
+    return Restriction(
+        cp.Problem(cp.Minimize(cp.sum(loss) + cp.sum(largest)), constraints), moves, unit,
+        lambda: positions + unit * np.stack([move.value for move in moves]))
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
 
-    def solve(self, positions: Array, powers: Array,
-              time_left: float = np.inf) -> tuple[Array | None, float]:
-        """
-        Return the positions that maximise the restriction at a local point.
-
-        :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
-        :param powers: p_i[n], (U, N) in W.
-        :param time_left: the limit for Clarabel in s.
-        :return: positions, (U, N+2, 2) in m, nearly feasible, or None if none were found; and
-            the time inside the solver in s.
-        """
-        scenario = self._scenario
-        offset = positions[:, 1:-1] - scenario.receivers.ground_nodes[0]
-        gains, inverse = _evaluate_link(make_link(scenario, 'ground_node'),
-                                        ground_squared_distances(scenario, positions))
-        self.unit = unit = float(1 / np.sqrt(np.median(inverse)))
-        self.moves: list[Any] = [cp.Variable(path.shape) for path in positions]
-        paths = [path / unit + move for path, move in zip(positions, self.moves, strict=True)]
-        constraints = [cp.hstack([
-            end for move in self.moves for end in (move[0], move[-1])]) == 0]
-        constraints += [cp.norm(path[1:] - path[:-1], axis=1) <= longest / unit
-                        for path, longest in zip(paths, scenario.max_step, strict=True)]
-
-        x, y = (cp.vstack([move[1:-1, axis] for move in self.moves]) for axis in (0, 1))
-        received, inverse = gains * powers, inverse * unit**2
-        slopes = 2 * offset / unit * inverse[..., None]
-        # At the ground node, with the paper's a and b.
-        shares = received / (1 + received.sum(axis=0))
-        loss = cp.sum(_along(shares[..., None] * slopes, x, y) + cp.multiply(
-            shares * inverse, cp.square(x) + cp.square(y)), axis=0)
-        if len(paths) > 1:  # y_k is the logarithm of zeta of (17a).
-            interference, needed = _log_of_sum_bound(received[1:], slopes[1:], x[1:], y[1:])
-            loss += interference[0]
-            constraints += needed
-        bounds, needed = self._leakage_bounds(
-            positions, powers, _normalise(offset, np.array([1.0, 0.0])), x, y, paths)
-        largest = cp.Variable((1, scenario.slots))
-        constraints += [*needed, np.ones((bounds.shape[0], 1)) @ largest >= bounds]
-        self.problem = cp.Problem(cp.Minimize(cp.sum(loss) + cp.sum(largest)), constraints)
-        solved, seconds = solve_problem(self.problem, time_left)
-        if not solved:
-            return None, seconds
-        return positions + unit * np.stack([move.value for move in self.moves]), seconds
-
-    def _leakage_bounds(self, positions: Array, powers: Array, away: Array, x: Any, y: Any,
-                        paths: list[Any]) -> _Bound:
-        """
-        Return upper bounds of the leakage to each eavesdropper, (E, N) in nats.
-
-        Unit vectors `away` (U, N, 2) are the directions of UAVs straight above it.
-        """
-        scenario, unit = self._scenario, self.unit
-        (_, centres, radii), count = scenario.receivers, len(scenario.eavesdroppers)
-        squared = guaranteed_squared_distances(scenario, positions)
-        gains, inverse = _evaluate_link(
-            make_link(scenario, 'eavesdropper').for_receivers(
-                scenario.receiver_advantages[:, None, None]), squared)
-        received, inverse = gains * powers, inverse * unit**2
-        distances = np.sqrt(squared) / unit
-        # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and that away
-        # from the ground node makes it pay for the jammer to leave. For the transmitter
-        # [d - eps]^+ is linearised, which is valid inside the disc, unlike (17b).
-        slopes = 2 * (distances * inverse)[..., None] * _normalise(
-            positions[:, 1:-1] - centres[:, None], away)
-        # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
-        repeat = np.tile(np.eye(len(positions)), (count, 1))
-        bounds, constraints = _log_of_sum_bound(
-            np.concatenate(received), np.concatenate(slopes), repeat @ x, repeat @ y, count)
-        jamming = 1 + received[:, 1:].sum(axis=1)
-        bounds += np.log1p(received[:, 0] / jamming)
-        if len(positions) > 1:
-            jamming_bounds, needed = _jamming_bound(
-                received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:],
-                [path[1:-1] for path in paths[1:]], centres / unit, radii / unit)
-            bounds += jamming_bounds
-            constraints += needed
-        return bounds, constraints
+def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
+                    y: Any, paths: list[Any]) -> _Bound:
+    """Return upper bounds of the leakage to each eavesdropper, (E, N) in nats."""
+    (grounds, centres, radii), count = scenario.receivers, len(scenario.eavesdroppers)
+    squared = guaranteed_squared_distances(scenario, positions)
+    gains, inverse = _evaluate_link(
+        make_link(scenario, 'eavesdropper').for_receivers(
+            scenario.receiver_advantages[:, None, None]), squared)
+    received, inverse = gains * powers, inverse * unit**2
+    distances = np.sqrt(squared) / unit
+    # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and that away
+    # from the ground node makes it pay for the jammer to leave. For the transmitter
+    # [d - eps]^+ is linearised, which is valid inside the disc, unlike (17b).
+    away = _normalise(positions[:, 1:-1] - grounds[0], np.array([1.0, 0.0]))
+    slopes = 2 * (distances * inverse)[..., None] * _normalise(
+        positions[:, 1:-1] - centres[:, None], away)
+    # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
+    repeat = np.tile(np.eye(len(positions)), (count, 1))
+    bounds, constraints = _log_of_sum_bound(
+        np.concatenate(received), np.concatenate(slopes), repeat @ x, repeat @ y, count)
+    jamming = 1 + received[:, 1:].sum(axis=1)
+    bounds += np.log1p(received[:, 0] / jamming)
+    if len(positions) > 1:
+        jamming_bounds, needed = _jamming_bound(
+            received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:],
+            [path[1:-1] for path in paths[1:]], centres / unit, radii / unit)
+        bounds += jamming_bounds
+        constraints += needed
+    return bounds, constraints
 
 
 def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:

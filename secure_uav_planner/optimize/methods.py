@@ -128,9 +128,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :raises PlanError: where it takes more than max_energy.
     """
     checked_kind('scenario', scenario, Scenario)
-    if power not in get_args(Power):
-        raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'",
-                          ('power',))
+    checked_choice('power', power, get_args(Power))
     method = f'fly_hover_fly_{power}'
     problem = Problem(scenario)
     deadline = _build_deadline(problem, on_iteration, time_limit)

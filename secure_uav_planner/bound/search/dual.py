@@ -6,8 +6,8 @@ breakpoint of w0 and silence, and smoothed to tau log sum exp(. / tau). It is jo
 potentials, v and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s
 and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
 
-Newton's linear system is an arrow: a band, in which the potentials at an edge and the v of the group
-after it follow each other, and the prices of power as its border.
+Newton's linear system is an arrow: a band, in which the potentials at an edge are followed by the
+v of the group after it, and the prices of power as its border.
 """
 
 from __future__ import annotations

@@ -9,10 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..proof.certificate import sigmoid
-from ..proof.reachable_set import Team
 from ...mission.validation import Array
-from ...model.channel.rates import compute_sinr
+
 
 class PotentialLayout(NamedTuple):
     """

@@ -86,10 +86,7 @@ def _build_search(driver: SolverDriver, rate: float) -> '_PriceSearch':
 def _descend(driver: SolverDriver, x: Array, mu: float) -> Array:
     """Descend for problem (P2); see _Descend."""
     solver = driver.build_solver(driver.grid, x, mu)
-    for _ in range(STEPS):
-        driver.step(solver, FINAL_MU * mu / MU)
-        if solver.finished.all():
-            break
+    driver.descend(solver, FINAL_MU * mu / MU, STEPS)
     return solver.x
 
 

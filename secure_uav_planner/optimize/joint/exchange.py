@@ -6,7 +6,6 @@ exchanged for worse places between the Newton steps.
 """
 
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +59,10 @@ def descend_by_exchange(driver: SolverDriver, x: Array, mu: float) -> Array:
     """Return starts on the full grid, (S, N, U, 3), after steps at a SolverDriver's prices."""
     descended = []
     for start in x:
-        exchange, last_steps = _Exchange(driver, driver.grid, start, mu), 0
+        exchange = _Exchange(driver, driver.grid, start, mu)
         for _ in range(MORE_STEPS):
             exchange.step(PLACES_FINAL_MU)
-            last_steps += int(exchange.mu <= PLACES_FINAL_MU)
-            if exchange.at_rest or last_steps >= FINAL_STEPS:
+            if exchange.is_done:
                 break
         descended.append(exchange.best)
     return np.array(descended)
@@ -89,20 +87,17 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int) -> tupl
     exchange = _Exchange(driver, driver.grid, x, mu)
     # The proof of a worst case pays only for iterates that seem better than the incumbent.
     tried = incumbent.rate * np.log(2)
-    last_steps = 0
     for step in range(1, steps + 1):
         try:
             exchange.step(PLACES_FINAL_MU)
         except (StoppedError, TimeLimitError):
             driver.try_variables(exchange.best)
             raise
-        last_steps += int(exchange.mu <= PLACES_FINAL_MU)
-        # Places may oscillate, by ever less.
-        done = exchange.at_rest or last_steps >= FINAL_STEPS
-        if exchange.rate > tried and (done or step == steps or step % TRY_EVERY == 0):
+        if exchange.rate > tried and (
+                exchange.is_done or step == steps or step % TRY_EVERY == 0):
             driver.try_variables(exchange.best)
             tried = exchange.rate
-        if done:
+        if exchange.is_done:
             incumbent.report('joint')
             return 'converged', exchange.at_rest
     return 'iteration_limit', False
@@ -136,16 +131,17 @@ class _Exchange:
             grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
             driver.prices)
         self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
-
-    @property
-    def mu(self) -> float:
-        """Barrier parameter of the next step."""
-        return float(self._solver.mu[0])
+        self._last_steps = 0  # With the barrier parameter of the end.
 
     @property
     def at_rest(self) -> bool:
         """Whether steps and places have come to an end."""
         return bool(self._solver.finished.all())
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing more is gained; places may oscillate, by ever less."""
+        return self.at_rest or self._last_steps >= FINAL_STEPS
 
     def step(self, final_mu: float) -> None:
         """Take a step, and raise as Deadline.raise_if_over does."""
@@ -153,6 +149,7 @@ class _Exchange:
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
         self._solver.exchange(self._places.receivers, self._places.discs, worse)
+        self._last_steps += int(self._solver.mu[0] <= PLACES_FINAL_MU)
         rate = self._places.rate - self._driver.find_cost(self._solver.grid, x)
         if rate > self.rate:
             self.best, self.rate = x.copy(), rate
@@ -176,7 +173,8 @@ class WorstPlaces:
         self._grid = grid
         self._scenario = grid.scenario
         self._discs = self._scenario.receivers_at(grid.times)
-        _, self._centres, self._radii = self._discs
+        self._centres = self._discs.centres.swapaxes(0, 1)  # (N, E, 2)
+        self._radii = self._discs.radii.T  # (N, E)
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._find_worst(x)
         offset = worst - self._centres
@@ -184,9 +182,9 @@ class WorstPlaces:
         angles = _ANGLES[:1] if self._scenario.colluding else _ANGLES
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                               for angle in angles])
-        # (E, N, P, 2), P places for each disc.
-        self._places = self._centres[:, :, None] + np.einsum('aij,enj->enai', rotations, offset)
-        # The places with the largest leak at the last x, (E, N, P).
+        # (N, E, P, 2), P places for each disc.
+        self._places = self._centres[:, :, None] + np.einsum('aij,nej->neai', rotations, offset)
+        # The places with the largest leak at the last x, (N, E, P).
         self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
         self._largest[..., 0] = True
         self.receivers = self._build_receivers()
@@ -206,17 +204,18 @@ class WorstPlaces:
         worst, leaks = self._find_worst(x)
         grounds, place_leaks, heard = self.receivers.rates(x)
         self.rate = self._compute_rate(grounds, place_leaks, heard, leaks, shares)
-        counted = np.moveaxis(place_leaks.reshape(len(x), len(worst), -1), 1, 0)
+        counted = place_leaks.reshape(*leaks.shape, -1)
         # Without collusion, only the worst place of all discs counts.
-        worse = leaks > counted.max(axis=2 if self._scenario.colluding else (0, 2)) + tolerance
+        worse = leaks > tolerance + (counted.max(axis=2) if self._scenario.colluding else
+                                     place_leaks.max(axis=1, keepdims=True))
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
         near = distances.min(axis=-1) < _NEAR * self._radii
         replaced = np.where(near, distances.argmin(axis=-1), counted.argmin(axis=-1))
-        eve, slot = np.nonzero(near | worse)
-        replaced = replaced[eve, slot]
-        self._places[eve, slot, replaced] = worst[eve, slot]
+        slot, eve = np.nonzero(near | worse)
+        replaced = replaced[slot, eve]
+        self._places[slot, eve, replaced] = worst[slot, eve]
         self._largest[:] = False
-        self._largest[eve, slot, replaced] = True
+        self._largest[slot, eve, replaced] = True
         self.receivers = self._build_receivers()
         return bool(worse.any())
 
@@ -228,34 +227,29 @@ class WorstPlaces:
         Radii (N, E P), the places relative to the centres, (N, E P, 2), and True for places that
         follow the UAVs, (N, E P).
         """
-        radii = np.repeat(self._radii.T / self._grid.length, self._places.shape[2], axis=1)
-        offsets = self._by_slots(self._places - self._centres[:, :, None]) / self._grid.length
+        slots, length = len(self._places), self._grid.length
+        radii = np.repeat(self._radii / length, self._places.shape[2], axis=1)
+        offsets = (self._places - self._centres[:, :, None]).reshape(slots, -1, 2) / length
         return {'radii': radii, 'offsets': offsets,
-                'followed': self._by_slots(self._largest) & (radii > 0)}
+                'followed': self._largest.reshape(slots, -1) & (radii > 0)}
 
     def _find_worst(self, x: Array) -> tuple[Array, Array]:
-        """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
+        """Return the worst places (N, E, 2) in m, and their leaks (N, E) in nats."""
         places, leaks = leak_maximisers(
             self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x),
             self._discs)
-        return places, leaks * np.log(2)
+        return places.swapaxes(0, 1), leaks.T * np.log(2)
 
     def _build_receivers(self) -> Receivers:
-        places = self._by_slots(self._places)
+        places = self._places.reshape(len(self._places), -1, 2)
         return self._guarantee.at_places((places - self._grid.origin) / self._grid.length)
-
-    @staticmethod
-    def _by_slots(values: NDArray[Any]) -> NDArray[Any]:
-        """Return (N, E P, ...) of (E, N, P, ...)."""
-        values = np.swapaxes(values, 0, 1)
-        return values.reshape(len(values), -1, *values.shape[3:])
 
     def _compute_rate(self, grounds: Array, place_leaks: Array, heard: Array, leaks: Array,
                       shares: Array | None = None) -> float:
         if self._scenario.colluding:
-            most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks.T)).sum(axis=0))
+            most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks)).sum(axis=1))
         else:
-            most = np.maximum(leaks.max(axis=0), place_leaks.max(axis=-1))
+            most = np.maximum(leaks.max(axis=1), place_leaks.max(axis=1))
         most = include_listeners(self._scenario, most, heard.T, _NAT)
         rates = np.maximum(grounds.T - most, 0.0)
         if shares is None:

@@ -144,6 +144,13 @@ class SolverDriver:
         while steps > 0:
             steps -= self.step(solver, mu, steps)
 
+    def descend(self, solver: InteriorPointSolver, mu: float, steps: int = MOST_STEPS) -> None:
+        """Take steps until all starts are finished, at most a number."""
+        for _ in range(steps):
+            self.step(solver, mu)
+            if solver.finished.all():
+                break
+
     def refine_to_full_grid(self, coarse: Grid, x: Array,
                             mu: float | Array) -> InteriorPointSolver:
         """
@@ -156,10 +163,7 @@ class SolverDriver:
         while grid.slots < full:
             if grid is not coarse:
                 middle = self.build_solver(grid, x, mu)
-                for _ in range(MOST_STEPS):
-                    self.step(middle, _MIDDLE_MU)
-                    if middle.finished.all():
-                        break
+                self.descend(middle, _MIDDLE_MU)
                 x, mu = middle.x, middle.mu
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))

@@ -90,10 +90,7 @@ def _reduce_elevation_offset(driver: SolverDriver,
                              solver: InteriorPointSolver) -> InteriorPointSolver:
     """Return a solver without elevation offset, after steps with ever less of it."""
     for offset in (*_ELEVATION_OFFSETS[1:], 0.0) if driver.elevation_offset else ():
-        for _ in range(_OFFSET_STEPS):
-            driver.step(solver, _OFFSET_MU)
-            if solver.finished.all():
-                break
+        driver.descend(solver, _OFFSET_MU, _OFFSET_STEPS)
         driver.elevation_offset = offset
         solver = driver.build_solver(solver.grid, solver.x, np.maximum(solver.mu, COARSE_MU))
     return solver
