@@ -128,7 +128,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :raises PlanError: where it takes more than max_energy.
     """
     checked_kind('scenario', scenario, Scenario)
-    checked_choice('power', power, get_args(Power))
+    check_argument('power', power, Choice(get_args(Power)))
     method = f'fly_hover_fly_{power}'
     problem = Problem(scenario)
     deadline = _build_deadline(problem, on_iteration, time_limit)
