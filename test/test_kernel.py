@@ -37,7 +37,7 @@ def find_interior(scenario, slots):
     problem = Problem(scenario)
     grid = problem.grid.with_slots(slots or scenario.slots)
     return grid, make_strictly_feasible(
-        grid, fly_hover_fly_positions(problem), constant_powers(scenario, 0.9, 0.5), share=0.2)
+        grid, fly_hover_fly_positions(problem), 0.7 * constant_powers(scenario), share=0.2)
 
 
 def first_starts(scenario, slots):

@@ -42,7 +42,7 @@ def make_interior(scenario, rng):
     """Return a Grid and strictly feasible variables on it, (1, N, U, 3)."""
     grid = Problem(scenario).grid
     x = make_strictly_feasible(grid, fly_hover_fly_positions(Problem(scenario)),
-                               constant_powers(scenario, 0.9, 0.5), share=0.3)
+                               0.7 * constant_powers(scenario), share=0.3)
     x[..., 0] *= rng.uniform(0.5, 1.0, x.shape[:-1])
     return grid, x[None]
 

@@ -94,17 +94,19 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
     """
     Return a duration in s with a utilisation of at most 1, close to the shortest, or None.
 
-    It is rounded up to six digits, and its own utilisation has been asked for. The search is
-    regula falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for computing
-    the root of an equation", 1971).
+    It is the least that is allowed, or rounded up to six digits, and its own utilisation has been
+    asked for. The search is regula falsi on logarithms (Dowell and Jarratt, "A modified regula
+    falsi method for computing the root of an equation", 1971).
 
     :param utilisation: the least utilisation by the duration in s.
-    :param duration: at which it is above 1.
+    :param duration: the least that is allowed.
     :param accuracy: largest ratio, minus 1, of the answer and a duration that is too short, before
         rounding.
     :param longest: beyond which none is tried.
     """
     low, below = duration, _log(utilisation(duration))
+    if below <= 0:
+        return duration
     high = min(2 * duration, longest)
     while (above := _log(utilisation(high))) > 0:
         if high >= longest:

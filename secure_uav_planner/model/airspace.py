@@ -1,8 +1,6 @@
 """Where the UAVs of a scenario may fly, as convex sets, and routes around the obstacles."""
 
-from collections.abc import Callable, Sequence
 from functools import cached_property
-from itertools import pairwise
 import math
 from typing import Any, NamedTuple, TypeAlias
 
@@ -19,8 +17,6 @@ GEOFENCE = 'the geofence'
 """Name of the obstacles outside the fence."""
 
 MOST_ROUTES = 3  # Between two places, on different sides of the obstacles between them.
-_DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
-_INSIDE = 0.1  # Distance of free places from the fence, in steps.
 _MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
 _ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
 
@@ -186,72 +182,6 @@ class VisibilityGraph:
             np.append(np.tile(np.arange(corners), len(more)), more[:-1]),
             np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))])
         return places, np.append(self._edges, self._select_visible(places, edges), axis=1)
-
-
-class Routes:
-    """
-    Routes of the UAVs in visibility graphs, each of which is built once.
-
-    :param airspace: with the obstacles.
-    :param step_lengths: units of the distances that routes keep from obstacles, (U,) in m.
-    """
-
-    def __init__(self, airspace: Airspace, step_lengths: Array) -> None:
-        self._airspace, self._steps = airspace, step_lengths.tolist()
-        self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
-
-    def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
-        normals, offsets = self._airspace.hull
-        free = places.copy()
-        for uav, step in enumerate(self._steps):
-            raise_if_over()
-            graph = self._get_graph(uav, _DISTANCES[0])
-            for index in np.ndindex(places.shape[:-2]):
-                at = (*index, uav)
-                free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
-                if graph is not None:
-                    free[at] = graph.find_nearest_free(free[at])
-        return free
-
-    def find(self, uav: int, places: Sequence[Array],
-             most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
-        """
-        Return the routes of a UAV from each place to the next, at a distance where they can be.
-
-        :return: the visibility graph, or None without obstacles, and the routes of
-            VisibilityGraph.find_routes for each pair of places.
-        """
-        routes: list[list[Array]] = [[] for _ in places[1:]]
-        for distance in _DISTANCES:
-            graph = self._get_graph(uav, distance)
-            if graph is None:
-                break
-            routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
-            if all(routes):
-                break
-        return graph, routes
-
-    def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
-        """Return the graph of a UAV with a distance in steps, or None without obstacles."""
-        if not self._airspace.obstacles[uav]:
-            return None
-        # UAVs that fly as high and as fast share a graph.
-        key = self._airspace.scenario.uavs[uav].altitude, distance * self._steps[uav]
-        if key not in self._graphs:
-            self._graphs[key] = VisibilityGraph(self._airspace, uav, key[1])
-        return self._graphs[key]
-
-
-def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
-    """Return a place moved into half-planes, by successive projections."""
-    for _ in range(100):
-        beyond = normals @ place - offsets
-        if (beyond <= 0).all():
-            break
-        worst = int(beyond.argmax())
-        place = place - beyond[worst] * normals[worst]
-    return place
 
 
 def _build_matrix(places: Array, edges: _Edges) -> Any:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from .channel import guaranteed_node_rates
 from ..mission.fields import find_range
-from ..mission.scenario import Array, Point, Scenario, Uav
+from ..mission.scenario import Array, Scenario, Uav
 
 _STANDING = 1e-3  # Share of the largest speed below which a heading is numerical noise.
 _LEAST_SPEED = find_range(Uav, 'max_speed').low
@@ -217,24 +217,17 @@ def infer_limits(points: Array, step: float, motions: Sequence[Sequence[Array]]
 
 def _infer_limits_of_spline(moves: Array, step: float, accelerations: Array) -> dict[str, Any]:
     """Return the fields of infer_limits of one UAV, by its moves (N+1, 2) in m/s."""
-    ends = [_find_end_velocity(moves[0], -accelerations[0] * step),
-            _find_end_velocity(moves[-1], accelerations[-1] * step)]
-    first, last = (move if end is None else end
-                   for move, end in zip((moves[0], moves[-1]), ends, strict=True))
-    velocities = np.array([first, *moves, last])
+    changes = np.array([-accelerations[0], accelerations[-1]]) * step
+    ends = moves[[0, -1]] + changes
+    ends[np.abs(ends).max(axis=1) <= _ZERO] = 0.0
+    ends[np.abs(changes).max(axis=1) <= _ZERO] = np.nan
+    velocities = add_end_moves(moves[None], ends[:, None])[0]
+    start, goal = (None if math.isnan(x) else (x, y) for x, y in ends.tolist())
     fastest = float(np.linalg.norm(velocities, axis=-1).max())
     most = float(np.linalg.norm(np.diff(velocities, axis=0), axis=-1).max()) / step
     return {'max_speed': max(fastest * (1 + _ROUNDING), _LEAST_SPEED),
             'max_acceleration': max(most * (1 + _ROUNDING), _LEAST_ACCELERATION),
-            'start_velocity': ends[0], 'goal_velocity': ends[1]}
-
-
-def _find_end_velocity(velocity: Array, change: Array) -> Point | None:
-    """Return the velocity at an end, a change from that of the move there, or None without."""
-    if np.abs(change).max() <= _ZERO:
-        return None
-    x, y = (velocity + change).tolist()
-    return (0.0, 0.0) if max(abs(x), abs(y)) <= _ZERO else (x, y)
+            'start_velocity': start, 'goal_velocity': goal}
 
 
 def _find_headings(moves: Array, max_step: Array) -> Array:

@@ -57,7 +57,7 @@ class Grid:
         return read_only(flights)
 
     def with_slots(self, slots: int) -> 'Grid':
-        """Return the same flight divided into another number of slots."""
+        """Return the same flight in another number of slots."""
         return replace(self, slots=slots)
 
     @cached_property
@@ -145,10 +145,9 @@ class Grid:
 
     def refine_path(self, path: Array, slots: int) -> Array:
         """
-        Return a path of this grid on one of another number of slots.
+        Return a path of this grid on one of other slots, with its largest speed.
 
-        Interpolation keeps the largest speed; with a limit of acceleration it is along the curve,
-        and nearly keeps the largest acceleration.
+        With a limit of acceleration it is along the curve, nearly with the largest acceleration.
         """
         if not self.scenario.limits_acceleration:
             return resample(path, slots + 2)

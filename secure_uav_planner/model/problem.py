@@ -1,9 +1,12 @@
 """A scenario with what follows from it: the first thing that a call makes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import pairwise
 
-from .airspace import Airspace, Routes
+import numpy as np
+
+from .airspace import Airspace, VisibilityGraph
 from .clearance import Clearance
 from .curve import Curve
 from .grid import Grid
@@ -11,6 +14,9 @@ from .limits import build_limits, Limit, LineLimit, measure_energies, NormLimit
 from ..errors import PlanError
 from ..mission.kinematics import UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Scenario
+
+_DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
+_INSIDE = 0.1  # Distance of free places from the fence, in steps.
 
 
 class Problem:
@@ -26,16 +32,12 @@ class Problem:
         self.scenario = scenario
         self.airspace = Airspace(scenario)
         self.grid = Grid(self.airspace, scenario.slots)
+        self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
 
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
         """Limits of the scenario, on its own grid."""
         return build_limits(self.grid)
-
-    @cached_property
-    def routes(self) -> Routes:
-        """Routes around the obstacles."""
-        return Routes(self.airspace, self.grid.step_lengths)
 
     def validate(self, positions: Array, powers: Array) -> None:
         """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.validate."""
@@ -84,3 +86,56 @@ class Problem:
             if not limit.constrains_positions:
                 _, powers = limit.retract(positions, powers)
         return powers
+
+    def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
+        """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
+        normals, offsets = self.airspace.hull
+        free = places.copy()
+        for uav, step in enumerate(self.grid.step_lengths.tolist()):
+            raise_if_over()
+            graph = self._get_graph(uav, _DISTANCES[0])
+            for index in np.ndindex(places.shape[:-2]):
+                at = (*index, uav)
+                free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
+                if graph is not None:
+                    free[at] = graph.find_nearest_free(free[at])
+        return free
+
+    def find_routes(self, uav: int, places: Sequence[Array],
+                    most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
+        """
+        Return the routes of a UAV from each place to the next, at a distance where they can be.
+
+        :return: the visibility graph, or None without obstacles, and the routes of
+            VisibilityGraph.find_routes for each pair of places.
+        """
+        routes: list[list[Array]] = [[] for _ in places[1:]]
+        for distance in _DISTANCES:
+            graph = self._get_graph(uav, distance)
+            if graph is None:
+                break
+            routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
+            if all(routes):
+                break
+        return graph, routes
+
+    def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
+        """Return the graph of a UAV with a distance in steps, or None without obstacles."""
+        if not self.airspace.obstacles[uav]:
+            return None
+        # UAVs that fly as high and as fast share a graph.
+        key = self.scenario.uavs[uav].altitude, distance * float(self.grid.step_lengths[uav])
+        if key not in self._graphs:
+            self._graphs[key] = VisibilityGraph(self.airspace, uav, key[1])
+        return self._graphs[key]
+
+
+def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
+    """Return a place moved into half-planes, by successive projections."""
+    for _ in range(100):
+        beyond = normals @ place - offsets
+        if (beyond <= 0).all():
+            break
+        worst = int(beyond.argmax())
+        place = place - beyond[worst] * normals[worst]
+    return place

@@ -2,15 +2,14 @@
 Links: the gain from a UAV to a receiver, as a function of the squared horizontal distance.
 
 A channel model is one class here with the methods of FreeSpace, and one of the class LinkGains in
-`kernel/link_gains.hpp`, which has the gain's derivatives as well. Each kind of link, from the
-transmitter or a jammer to the ground node or an eavesdropper, has a gain of its own; `make_link`
-says which.
+`kernel/link_gains.hpp`. Each kind of link, from the transmitter or a jammer to the ground node or
+an eavesdropper, has a gain of its own; `make_link` says which.
 """
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,11 +87,10 @@ class PathLoss(FreeSpace):
             numbers < _probability(self._z(squared)), 1.0, self.losses)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'PathLoss':
-        snr = np.asarray(self.reference_snr)
-        losses, steepness, shift = (np.broadcast_to(values, snr.shape)[receivers] for values in (
-            self.losses, self.steepness, self.shift))
-        return replace(self, reference_snr=snr[receivers], losses=losses, steepness=steepness,
-                       shift=shift)
+        fields: dict[str, Any] = {
+            name: np.broadcast_to(getattr(self, name), np.shape(self.reference_snr))[receivers]
+            for name in ('reference_snr', 'losses', 'steepness', 'shift')}
+        return replace(self, **fields)
 
     def compiled(self, receivers: int, uavs: int) -> core.LinkGains:
         snr, squared_altitudes, losses, steepness, shift = _spread(
@@ -194,8 +192,7 @@ def _outage_share(scenario: Scenario) -> float:
     """
     Return the probability of each link and cause to be on the wrong side of its quantile, or 0.
 
-    The outage is divided evenly among all links, and of each between fading and lines of sight.
-    All links are on the right side at once but for the outage, by the union bound, however they
+    By the union bound, all links are on the right side at once but for the outage, however they
     depend on each other.
     """
     channel = scenario.channel
@@ -210,9 +207,8 @@ def sight_radii(scenario: Scenario) -> Array:
     """
     Return the largest distances at which helpful links count with a line of sight, (U,) in m.
 
-    They are on the ground, from the place below each UAV.
-
-    Infinite without a stated outage for lines of sight, and where no elevation is high enough.
+    They are horizontal; infinite without a stated outage for lines of sight, and where no
+    elevation is high enough.
     """
     channel, elevation = scenario.channel, 90.0
     if channel.counts_sights and channel.los_numbers:
@@ -224,12 +220,7 @@ def sight_radii(scenario: Scenario) -> Array:
 
 
 def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
-    """
-    Return the elevations in degrees with a line of sight but for a share, and without any.
-
-    Above the first, the probability of a line of sight is at least 1 - share; below the second,
-    at most the share.
-    """
+    """Return the elevations in degrees where the chance of sight is 1 - share, and the share."""
     helping, harming = (a + math.log(a * chance / (1 - chance)) / b
                         for chance in (1 - share, share))
     return helping, harming
@@ -237,13 +228,9 @@ def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def fading_quantiles(rician_k_db: float, share: float) -> tuple[float, float]:
-    """
-    Return the power gain of Rician fading that is exceeded, and undercut, but for a share.
-
-    With the factor K, 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom and the
-    noncentrality 2 K.
-    """
+    """Return the power gain of Rician fading that is exceeded, and undercut, but for a share."""
     from scipy.stats import ncx2  # Here, because it takes half a second to import.
+    # 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom, noncentrality 2 K.
     factor = 10.0**(rician_k_db / 10.0)
     low, high = (quantile(share, 2, 2 * factor) / (2 * (factor + 1))
                  for quantile in (ncx2.ppf, ncx2.isf))
@@ -255,7 +242,6 @@ def _probability(z: Array) -> Array:
 
 
 def _spread(fields: tuple[Array | float, ...], *shape: int) -> list[Array]:
-    """Return fields as arrays of a shape, as the kernel takes them."""
     return [np.ascontiguousarray(np.broadcast_to(values, shape), float) for values in fields]
 
 

@@ -185,8 +185,8 @@ def find_rate_scale(scenario: Scenario) -> float:
     """
     Return 1, or where that is less, the largest SNR that the average power can have, in nats.
 
-    So small a SNR is a rate, to which tolerances of rates are relative. It is that at the least
-    distance from the ground node at which the transmitter can be at the time of a point.
+    Tolerances of rates are relative to it. It is that at the least distance from the ground node
+    at which the transmitter can be at the time of a point.
     """
     times, grounds = scenario.times[1:-1], scenario.receivers.ground_nodes
     speed = scenario.max_speeds[0]

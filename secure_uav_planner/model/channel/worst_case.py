@@ -33,12 +33,12 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return r_0[n] less the largest leak to any point of any disc, (N,) in bit/s/Hz.
 
-    A lower bound of R[n] of problem (P1), equation (6), before its [x]^+: a branch and bound over
-    the discs proves that no point leaks more than the leak that is subtracted, which is at most
-    1e-6 times find_rate_scale above the leak at worst_case_places. The bound still holds but is
-    less tight where more than MOST_SECTORS parts of the discs would have to be examined in a slot,
-    or where distances of 1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers. Never
-    below guaranteed_rates.
+    A lower bound of R[n] of problem (P1), equation (6), before its [x]^+, never below
+    guaranteed_rates: a branch and bound over the discs proves that no point leaks more than the
+    leak that is subtracted. That is at most 1e-6 times find_rate_scale above the leak at
+    worst_case_places, and more only where more than MOST_SECTORS parts of the discs would have to
+    be examined in a slot, or where distances of 1e7 m at altitudes of 1e-3 m exhaust the
+    floating-point numbers.
 
     :param times: as for guaranteed_rates.
     """
@@ -109,8 +109,7 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
     """
     Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2).
 
-    :param centres: of the discs, (N, E, 2) in m.
-    :param radii: likewise, (N, E) in m.
+    :param centres: of the discs, (N, E, 2) in m, as their radii (N, E).
     """
     offsets = uav_positions[:, :, None] - centres
     leaks = np.zeros(offsets.shape[1:3])

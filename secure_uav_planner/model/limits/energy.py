@@ -47,7 +47,8 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
     """
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
     velocities = add_end_moves(np.diff(positions, axis=1) / step, scenario.end_velocities)
-    return _sum_energies(scenario, velocities, step)
+    return np.asarray(integrate_powers(
+        scenario, velocities[:, :-1], velocities[:, 1:], step).sum(axis=1))
 
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
@@ -62,17 +63,12 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         return scenario.uavs
     velocities = add_end_moves(np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration,
                                scenario.end_velocities)
-    energies = _sum_energies(scenario, velocities[:, :-1], scenario.slot_duration)
+    energies = integrate_powers(
+        scenario, velocities[:, :-2], velocities[:, 1:-1], scenario.slot_duration).sum(axis=1)
     least = find_range(Uav, 'max_energy').low
     return tuple(uav if uav.max_energy is None else replace(
         uav, max_energy=max(uav.max_energy - energy, least))
         for uav, energy in zip(scenario.uavs, energies.tolist(), strict=True))
-
-
-def _sum_energies(scenario: Scenario, velocities: Array, step: float) -> Array:
-    """Return the energies of flights with velocities at the ends of slots, (U, M, 2) in m/s."""
-    energies = integrate_powers(scenario, velocities[:, :-1], velocities[:, 1:], step)
-    return np.asarray(energies.sum(axis=1))
 
 
 def price_energies(grid: Grid, prices: Array) -> dict[str, Array]:

@@ -30,16 +30,16 @@ class NormLimit(Limit):
     A UAV that is fixed has no c of its own: its entries are 1.
 
     :cvar stencil: the weights a_k, order + 1 of them.
-    :ivar longest: r, (U,) in m.
+    :param longest: r, (U,) in m.
     :ivar absent: which differences have no limit, (M, U).
     """
 
     constrains_positions = True
     stencil: ClassVar[tuple[float, ...]]
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, grid: Grid, longest: Array) -> None:
         super().__init__(grid)
-        self.longest = self._longest()
+        self.longest = longest
         self.absent: NDArray[np.bool_] = np.full(
             (self.grid.slots + self.order, len(self.longest)), False)
         self._end_moves: Array = np.zeros((2, len(self.longest), 2))
@@ -62,10 +62,6 @@ class NormLimit(Limit):
             differences=True)
         squares = np.broadcast_to((self.longest / grid.length)**2, self.absent.shape)
         return core.Limit(vectors, self.absent | grid.fixed, np.ascontiguousarray(squares))
-
-    @abstractmethod
-    def _longest(self) -> Array:
-        """Return r, (U,) in m."""
 
     @abstractmethod
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
@@ -125,8 +121,8 @@ class SpeedLimit(NormLimit):
 
     stencil = (-1.0, 1.0)
 
-    def _longest(self) -> Array:
-        return self.scenario.max_speeds * self.grid.slot_duration
+    def __init__(self, grid: Grid) -> None:
+        super().__init__(grid, grid.scenario.max_speeds * grid.slot_duration)
 
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
         return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {point}; '
@@ -147,7 +143,7 @@ class AccelerationLimit(NormLimit):
     stencil = (1.0, -2.0, 1.0)
 
     def __init__(self, grid: Grid) -> None:
-        super().__init__(grid)
+        super().__init__(grid, grid.scenario.max_accelerations * grid.slot_duration**2)
         self.absent[[0, -1]] |= np.isnan(self.scenario.end_velocities[..., 0])
         # The moves before the start and after the goal, (2, U, 2) in m.
         self._end_moves = self.grid.slot_duration * np.nan_to_num(self.scenario.end_velocities)
@@ -155,9 +151,6 @@ class AccelerationLimit(NormLimit):
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
         return airspace.scenario.limits_acceleration
-
-    def _longest(self) -> Array:
-        return self.scenario.max_accelerations * self.grid.slot_duration**2
 
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
         square = self.grid.slot_duration**2

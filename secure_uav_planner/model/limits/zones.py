@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cached_property
+from itertools import cycle, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +64,9 @@ class ZoneLimit(LineLimit):
         super().__init__(grid, np.repeat(uavs, min(most, MOST_LINES)))
         # Of every UAV in uavs, repeated where it has fewer: (A, Z, V, 2), in units.
         self._polygons: Array = (np.array([
-            [_pad(obstacles[uav][index % len(obstacles[uav])].vertices, corners)
-             for index in range(most)] for uav in uavs]) - grid.origin) / grid.length
+            [np.pad(polygon, ((0, corners - len(polygon)), (0, 0)), 'edge')
+             for polygon, _ in islice(cycle(obstacles[uav]), most)]
+            for uav in uavs]) - grid.origin) / grid.length
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
@@ -73,11 +75,6 @@ class ZoneLimit(LineLimit):
     @cached_property
     def compiled(self) -> core.ZoneLimit:
         return core.ZoneLimit(self.compiled_points, self.ignored, self._polygons)
-
-
-def _pad(vertices: Array, count: int) -> Array:
-    """Repeat the last vertex up to a count."""
-    return np.concatenate([vertices, np.repeat(vertices[-1:], count - len(vertices), axis=0)])
 
 
 class SeparationLimit(LineLimit):

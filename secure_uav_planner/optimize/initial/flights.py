@@ -116,7 +116,7 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
     scenario = problem.scenario
     uav, step = scenario.uavs[index], float(scenario.max_step[index])
     goal = np.array(uav.goal)
-    graph, routes = problem.routes.find(index, (np.array(uav.start), place, goal),
+    graph, routes = problem.find_routes(index, (np.array(uav.start), place, goal),
                                         1 + max(out, back))
     if graph is None or len(routes[0]) <= out or len(routes[1]) <= back:
         return None
@@ -148,7 +148,7 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     """
     scenario = problem.scenario
     uav = scenario.uavs[index]
-    graph, [routes] = problem.routes.find(
+    graph, [routes] = problem.find_routes(
         index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
     if graph is None:
         return uav.start + minimise_utilisation(
@@ -178,7 +178,7 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
 
     def find_legs(share: float) -> list[Array]:
         places = [start, *(between + share * (stops - between)), goal]
-        graph, routes = problem.routes.find(index, places, 1)
+        graph, routes = problem.find_routes(index, places, 1)
         return [leg for leg, *_ in routes] if graph is not None and all(routes) else [
             np.stack(pair) for pair in pairwise(places)]
 

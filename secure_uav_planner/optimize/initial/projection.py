@@ -22,6 +22,7 @@ from ...model.limits import build_limits, LineLimit, NormLimit
 from ...model.limits.lines import Lines
 from ...model.problem import Problem
 
+_SHARE = 1e-3  # Of the slack that flights leave where they can.
 _ROUNDS = 8  # In which lines are chosen, at most.
 _PENALTY = 1e4  # For exceeding a limit by all of it, in squares of a step of deviation.
 _LINE_PENALTY = 1e7  # For a step beyond a line: sides are kept even where time is too short.
@@ -38,16 +39,11 @@ _Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]],
 """Rows of a map A x + b into a cone: (row, column, value) of A as arrays, and b."""
 
 
-def find_flights_near(problem: Problem, positions: Array, raise_if_over: DeadlineCheck,
-                      share: float = 1e-3) -> Array | None:
-    """
-    Return flights that keep all limits, near given ones (U, N+2, 2) in m, or None.
-
-    :param raise_if_over: called now and then; what it raises is passed on, as everywhere here.
-    :param share: of the slack that is left where it can be.
-    """
-    for opposite in (False, True):
-        flights = project(problem.grid, positions, share, raise_if_over, opposite)
+def find_flights_near(problem: Problem, positions: Array,
+                      raise_if_over: DeadlineCheck) -> Array | None:
+    """Return flights that keep all limits, near given ones (U, N+2, 2) in m, or None."""
+    for opposite in (False, True) if problem.airspace.separations.any() else (False,):
+        flights = project(problem.grid, positions, _SHARE, raise_if_over, opposite)
         if flights is not None and problem.is_clear(flights, raise_if_over):
             return flights
     return None

@@ -1,6 +1,6 @@
 """Initial flights and powers: fly-hover-fly or an earlier plan's, or why a mission has none."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import chain
@@ -34,7 +34,6 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
     """
     Raise an error unless all UAVs have the time from start to goal, as if each were alone.
 
-    :param raise_if_over: called now and then; what it raises is passed on, as everywhere here.
     :raises InfeasibleMissionError: of the slowest UAV, naming a duration with which all have it;
         `further` are the errors of the rest. None is named where raise_if_over raises
         TimeLimitError in the search for it.
@@ -56,37 +55,16 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
         if None not in shortest:
             slowest = max(range(len(slow)), key=lambda index: shortest[index] or 0.0)
             # With velocities at the ends, more time is not always easier.
-            shortest[slowest] = _find_duration(partial(measure_utilisation, scenario.uavs),
-                                               shortest[slowest] or 0.0, accuracy=_ACCURACY)
+            shortest[slowest] = find_shortest_duration(
+                partial(measure_utilisation, scenario.uavs), shortest[slowest] or 0.0, _ACCURACY)
     except TimeLimitError:
         shortest = [math.nan] * len(slow)
     raise_all(refuse_slow_uavs(scenario.duration, zip(slow, shortest, strict=True)))
 
 
-def find_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array:
-    """
-    Return flights (U, N+2, 2) in m that keep all limits, near fly-hover-fly where they can be.
-
-    :raises InfeasibleMissionError: where none are found, naming the UAVs, the obstacles or limits,
-        and a duration with which flights are found; `further` are the errors of more UAVs. None
-        is named where raise_if_over raises TimeLimitError in the search for it.
-    """
-    flights = _search_flights(problem, raise_if_over)
-    if flights is None:
-        _raise_infeasibility(problem, raise_if_over)
-    return flights
-
-
-def _find_duration(utilisation: Callable[[float], float], duration: float, **options: float
-                   ) -> float | None:
-    """Return a duration if its utilisation is at most 1, or else find the shortest."""
-    return (duration if utilisation(duration) <= 1 else
-            find_shortest_duration(utilisation, duration, **options))
-
-
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
     """Return flights near fly-hover-fly, or else near the direct ones, or None."""
-    places = problem.routes.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
+    places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
         [wanted], generate_direct_flights(problem, raise_if_over)))
@@ -110,8 +88,7 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
             and measure_utilisation(longest) > 1):
         return None
-    return _find_duration(
-        measure_utilisation, duration, accuracy=_ACCURACY_AROUND, longest=longest)
+    return find_shortest_duration(measure_utilisation, duration, _ACCURACY_AROUND, longest)
 
 
 class _Obstruction(NamedTuple):
@@ -136,7 +113,7 @@ class _Obstruction(NamedTuple):
 
 
 def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoReturn:
-    """Raise the reason why no flights were found; see find_flights."""
+    """Raise the reason why no flights were found; see fly_hover_fly_positions."""
     scenario, obstructions = problem.scenario, list[_Obstruction]()
     try:
         for number in range(len(scenario.uavs)):
@@ -224,22 +201,22 @@ def fly_hover_fly_positions(problem: Problem,
     place flies towards it and turns back at the last moment that still reaches the goal. Flights
     go around obstacles and keep their separation.
 
-    :param raise_if_over: called now and then in a search for flights around obstacles; what it
-        raises is passed on.
-    :raises InfeasibleMissionError: when no flights are found that keep the limits.
+    :raises InfeasibleMissionError: where none are found that keep all limits, naming the UAVs, the
+        obstacles or limits, and a duration with which flights are found; `further` are the errors
+        of more UAVs. None is named where raise_if_over raises TimeLimitError in the search for it.
     """
     check_durations(problem.scenario, raise_if_over)
     if problem.airspace.is_open:
         return build_flights(problem, list_hovering_places(problem.scenario))
-    return find_flights(problem, raise_if_over)
+    flights = _search_flights(problem, raise_if_over)
+    if flights is None:
+        _raise_infeasibility(problem, raise_if_over)
+    return flights
 
 
-def constant_powers(scenario: Scenario, transmitting: float = 1.0,
-                    jamming: float = 1.0) -> Array:
-    """Return shares of the average powers in every slot, (U, N) in W."""
-    shares = np.full(len(scenario.uavs), jamming)
-    shares[0] = transmitting
-    return np.repeat((shares * scenario.average_powers)[:, None], scenario.slots, axis=1)
+def constant_powers(scenario: Scenario) -> Array:
+    """Return the average powers in every slot, (U, N) in W."""
+    return np.repeat(scenario.average_powers[:, None], scenario.slots, axis=1)
 
 
 def is_similar(scenario: Scenario, previous: Scenario) -> bool:
@@ -274,7 +251,6 @@ def adapt_plan(problem: Problem, plan: Plan,
     What breaks limits moves to the nearest flight that keeps them; without one that clears zones,
     fence and separation, positions are None.
 
-    :param raise_if_over: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
     """

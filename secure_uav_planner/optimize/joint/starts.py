@@ -151,7 +151,7 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
-        places = problem.routes.find_free_places(places[:PLACES], raise_if_over)
+        places = problem.find_free_places(places[:PLACES], raise_if_over)
         alternatives = list(_list_alternatives(problem, places[0]))[:ALTERNATIVES]
     shortest = [(place, None, False) for place in places]
     first = shortest[:FIRST] + [(places[0], *routes) for routes in alternatives]
