@@ -144,7 +144,7 @@ def slacks_at(grid, x, at=None):
     :param at: where lines were chosen, by default at x.
     """
     for limit in build_limits(grid):
-        if limit.constrains_positions:
+        if limit.compiled is not None:
             lines = (None if isinstance(limit, NormLimit)
                      else limit.choose_lines(path_of(grid, x if at is None else at)))
             yield slacks(limit, path_of(grid, x), lines), 1.0

@@ -61,7 +61,7 @@ def evaluate_limits(scenario, seed, size):
     path = np.ascontiguousarray(oracle.path_of(grid, x))
     moves = random_moves(grid, rng, size)
     for limit in build_limits(grid):
-        if limit.constrains_positions:
+        if limit.compiled is not None:
             lines = limit.choose_lines(path) if isinstance(limit, LineLimit) else None
             yield (lambda by: oracle.slacks(limit, path + by * moves, lines).ravel(),
                    limit.compiled.evaluate(path, moves))
@@ -120,8 +120,6 @@ def test_a_retracted_plan_passes_the_checks_that_it_failed_before(scenario, seed
 
 class LeastSpeed(Limit):
     """No UAV hovers: each flies at 4 m/s at least, which is not convex."""
-
-    constrains_positions = True
 
     def speeds(self, positions):
         """Return the speeds between points, (U, N+1) in m/s."""

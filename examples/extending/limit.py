@@ -18,8 +18,6 @@ BASE, REACH = np.array([200.0, 0.0]), 150.0  # m
 class RangeLimit(Limit):
     """No UAV is farther from the base than its reach."""
 
-    constrains_positions = True
-
     def validate(self, positions, powers):
         """Raise a PlanError if a point of the flight is out of reach."""
         farthest = np.linalg.norm(positions - BASE, axis=-1).max()

@@ -55,11 +55,7 @@ class Problem:
             (measure_energies(self.scenario, positions) <= self.scenario.max_energies).all())
 
     def is_clear(self, positions: Array, raise_if_over: Callable[[], None] = lambda: None) -> bool:
-        """
-        Return True if flights (U, N+2, 2) in m clear zones, fence and each other at any time.
-
-        :param raise_if_over: called now and then; what it raises is passed on.
-        """
+        """Return True if flights (U, N+2, 2) in m clear zones, fence and each other any time."""
         clear = not self.airspace.far
         for limit in self.limits:
             if isinstance(limit, LineLimit):
@@ -79,13 +75,6 @@ class Problem:
         for limit in self.limits:
             positions, powers = limit.retract(positions, powers)
         return positions, powers
-
-    def retract_powers(self, positions: Array, powers: Array) -> Array:
-        """Return powers (U, N) in W, retracted by every limit of powers."""
-        for limit in self.limits:
-            if not limit.constrains_positions:
-                _, powers = limit.retract(positions, powers)
-        return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
         """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""

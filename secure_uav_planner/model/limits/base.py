@@ -1,7 +1,6 @@
 """What every limit provides, and the simplest limits, those of power, equation (7)."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +22,9 @@ class Limit(ABC):
     A new limit is one subclass of this, named in `limits.LIMITS`. `Plan` calls validate,
     `Incumbent` calls retract, and `joint` uses the form of the kernel.
 
-    :cvar constrains_positions: whether it limits positions rather than powers.
     :param grid: of the flights.
     :ivar scenario: that of the grid.
     """
-
-    constrains_positions: ClassVar[bool] = False
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid

@@ -19,8 +19,6 @@ TOLERANCE = 1e-6
 class EnergyLimit(Limit):
     """The energy of a flight, by Simpson's rule in each slot, is at most its limit."""
 
-    constrains_positions = True
-
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
         return airspace.scenario.limits_energy

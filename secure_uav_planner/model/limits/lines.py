@@ -110,8 +110,6 @@ class LineLimit(Limit):
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
 
-    constrains_positions = True
-
     def __init__(self, grid: Grid, first: NDArray[np.intp],
                  second: NDArray[np.intp] | None = None, of_curve: bool = True) -> None:
         super().__init__(grid)
@@ -159,7 +157,6 @@ class LineLimit(Limit):
 
         :param lines: those of the path, which may be changed.
         :param opposite: whether to take the opposite side of the nearest, where there is one.
-        :param raise_if_over: called now and then; what it raises is passed on.
         """
         return lines
 

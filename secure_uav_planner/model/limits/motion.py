@@ -34,7 +34,6 @@ class NormLimit(Limit):
     :ivar absent: which differences have no limit, (M, U).
     """
 
-    constrains_positions = True
     stencil: ClassVar[tuple[float, ...]]
 
     def __init__(self, grid: Grid, longest: Array) -> None:

@@ -84,8 +84,8 @@ def _refine(coarse: Grid, positions: Array, grid: Grid) -> Array:
     """
     Return flights of a coarse grid on a finer one, (U, N+2, 2) in m.
 
-    With a limit of acceleration, points away from the ends are moved onto the curve.
-    This averages accelerations, which interpolation lets overshoot where they change.
+    With a limit of acceleration, points away from the ends are moved onto the curve, which
+    averages accelerations: interpolation lets them overshoot where they change.
     """
     path = coarse.refine_path(coarse.to_path(positions), grid.slots)
     number = np.arange(1.0, grid.slots + 1)

@@ -95,8 +95,7 @@ class _Obstruction(NamedTuple):
     """
     Why a UAV has no flight even if it is alone.
 
-    :ivar shortest: a duration in s with which it has one, NaN for an unknown one, infinite for
-        none.
+    :ivar shortest: a duration in s with which it has one; NaN if unknown, infinite for none.
     :ivar text: the way that it takes in that duration, or else the whole reason.
     """
 
@@ -196,10 +195,9 @@ def fly_hover_fly_positions(problem: Problem,
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
-    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn, or
-    above where these are at half time if they move. A UAV without the time to reach its hovering
-    place flies towards it and turns back at the last moment that still reaches the goal. Flights
-    go around obstacles and keep their separation.
+    These are at list_hovering_places. A UAV without the time to reach its own flies towards it and
+    turns back at the last moment that still reaches the goal. Flights go around obstacles and keep
+    their separation.
 
     :raises InfeasibleMissionError: where none are found that keep all limits, naming the UAVs, the
         obstacles or limits, and a duration with which flights are found; `further` are the errors
@@ -223,8 +221,8 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
     """
     Return True if a plan for the previous scenario is a good start for a scenario.
 
-    So it is when the same UAVs fly for about as long among positions that have moved by no more
-    than the UAVs' altitude: over such distances the gains change little.
+    So it is when as many UAVs fly for about as long among positions that have moved by no more
+    than their altitude: over such distances the gains change little.
     """
     if (len(scenario.uavs) != len(previous.uavs)
             or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
@@ -248,8 +246,8 @@ def adapt_plan(problem: Problem, plan: Plan,
     Return the positions and powers of a plan made feasible for another problem.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    What breaks limits moves to the nearest flight that keeps them; without one that clears zones,
-    fence and separation, positions are None.
+    What breaks limits moves to the nearest flight that keeps them; without one, positions are
+    None.
 
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
