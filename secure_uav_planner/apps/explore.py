@@ -40,6 +40,7 @@ _PROGRESS_DELAY = 0.3  # s without a plan after which the progress is shown inst
 _MOST_STEPS = 100  # That can be undone.
 _MISSION, _PLAN = 'mission.yaml', 'plan.json'
 _ADDED = ('eavesdropper', 'jammer', 'zone')
+_format = partial(format_document, _MISSION)
 _SOLVES = ThreadPoolExecutor()
 
 _slider = partial(dcc.Slider, marks=None)
@@ -281,10 +282,6 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
         words.insert(1, f'{plan.rate - editor.kept.rate:+.2f} bit/s/Hz against the plan kept')
     return (on_map, _draw_plans(on_map, plan, editor.kept), [*map(html.Div, words)],
             editor.problem, ticks)
-
-
-def _format(mission: Mission) -> str:
-    return format_document(_MISSION, mission)
 
 
 def _lay_out(page: str, scenario: Scenario) -> html.Div:

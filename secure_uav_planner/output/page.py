@@ -87,11 +87,11 @@ def draw_page(plan, baselines=()):
         x=[None], y=[None], mode='markers', name='UAV, larger with more power',
         marker={'size': 15, 'color': GEOFENCE, 'line': {'color': 'white', 'width': 1.5}})
     on_map = [*content.map_traces(), *content.path_traces()]
-    still = [*content.baseline_traces(baselines), *((trace, None) for trace in on_map),
-             *content.chart_traces(), (sample, None)]
-    for trace, row in (*still, *content.moving_traces(0)):
+    static = [*content.baseline_traces(baselines), *((trace, None) for trace in on_map),
+              *content.chart_traces(), (sample, None)]
+    for trace, row in (*static, *content.moving_traces(0)):
         figure.add_trace(trace, row or 1, 2 if row else 1)
-    numbers = list(range(len(still), len(figure.data)))
+    numbers = list(range(len(static), len(figure.data)))
     last = plan.scenario.slots + 1
     points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [

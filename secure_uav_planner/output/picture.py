@@ -194,20 +194,16 @@ def draw_rates(axes, plan, baselines=(), **legend):
     highest = max(drawn.worst_case_rates.max() for drawn in (plan, *baselines))
     highest = 1.08 * max(highest, 0.01)
     axes.set_ylim(0, highest)
-    if len(plan.shares) > 1:
-        _draw_shares(axes, plan, _STRIP * highest)
+    if len(plan.shares) > 1:  # A strip below 0, in the colours of the ground nodes.
+        height = _STRIP * highest
+        tops = -height * (1 - np.cumsum(plan.shares, axis=0))
+        for index, (top, share) in enumerate(zip(tops, plan.shares)):
+            axes.bar(edges[:-1], height * share, plan.scenario.slot_duration,
+                     top - height * share, align='edge', color=node_color(plan.scenario, index))
+        axes.set_ylim(bottom=-height)
     axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
     axes.set_xlabel('time (s)')
     _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)', legend)
-
-
-def _draw_shares(axes, plan, height):
-    """Draw a strip below 0 of the shares of each slot in the colours of the ground nodes."""
-    tops = -height * (1 - np.cumsum(plan.shares, axis=0))
-    for index, (top, share) in enumerate(zip(tops, plan.shares)):
-        axes.bar(plan.times[1:-1], height * share, plan.scenario.slot_duration,
-                 top - height * share, align='edge', color=node_color(plan.scenario, index))
-    axes.set_ylim(bottom=-height)
 
 
 def _finish_time_axes(axes, plan, label, legend):

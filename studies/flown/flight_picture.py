@@ -47,5 +47,6 @@ def save_flight(flight, path):
               ylabel='north (m)')
     above.set_aspect('equal', 'datalim')
     above.grid(alpha=0.3)
-    above.legend()
+    entries = {label: artist for artist, label in zip(*above.get_legend_handles_labels())}
+    above.legend(entries.values(), entries)
     figure.savefig(path, dpi=110)
