@@ -53,39 +53,25 @@ class Vehicle:
 
     def straight_utilisation(self, slots: int, step: float) -> float:
         """Return the least utilisation of a straight flight of N slots of `step` seconds."""
-        moves, speed = slots + 1, self.max_speed
-        if math.isinf(self.max_acceleration):
-            longest = moves * speed
-        else:
-            # Sums of the speeds that are reached after 1, 2, ... slots from rest, at most V.
-            gain = self.max_acceleration * step
-            rests = sum(velocity is not None
-                        for velocity in (self.start_velocity, self.goal_velocity))
-            if rests == 2:
-                half, odd = divmod(moves, 2)
-                longest = 2 * _sum_speeds(half, gain, speed) + odd * min(speed, (half + 1) * gain)
-            else:
-                longest = _sum_speeds(moves, gain, speed) if rests else moves * speed
-        return math.hypot(*self.displacement) / (longest * step)
+        longest = float(self._top_speeds(slots, step).sum()) * step
+        return math.hypot(*self.displacement) / longest
 
     def fly_straight(self, slots: int, step: float) -> Array:
         """Return a flight whose moves are all the same share of the longest, (N+2, 2) in m."""
-        count = np.arange(slots + 1.0)
-        most = np.full(slots + 1, self.max_speed)
-        if not math.isinf(self.max_acceleration):
-            gain = self.max_acceleration * step
-            if self.start_velocity is not None:
-                most = np.minimum(most, (count + 1) * gain)
-            if self.goal_velocity is not None:
-                most = np.minimum(most, (slots + 1 - count) * gain)
-        share = np.append(0.0, np.cumsum(most)) / most.sum()
+        top = self._top_speeds(slots, step)
+        share = np.append(0.0, np.cumsum(top)) / top.sum()
         return np.asarray(share[:, None] * np.array(self.displacement))
 
-
-def _sum_speeds(moves: int, gain: float, speed: float) -> float:
-    """Return the sum of min(speed, gain * n) over n = 1..moves."""
-    rising = min(moves, int(speed / gain))
-    return gain * rising * (rising + 1) / 2 + (moves - rising) * speed
+    def _top_speeds(self, slots: int, step: float) -> Array:
+        """Return the largest speed of each move of a straight flight from rest, (N+1,) in m/s."""
+        top = np.full(slots + 1, self.max_speed)
+        if not math.isinf(self.max_acceleration):
+            gained = self.max_acceleration * step * np.arange(1.0, slots + 2)
+            if self.start_velocity is not None:
+                top = np.minimum(top, gained)
+            if self.goal_velocity is not None:
+                top = np.minimum(top, gained[::-1])
+        return top
 
 
 def find_shortest_duration(utilisation: Callable[[float], float], duration: float,

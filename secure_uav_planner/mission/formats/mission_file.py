@@ -1,6 +1,5 @@
 """Mission files, YAML and JSON: from a file to a Scenario and back, with all errors at once."""
 
-from collections.abc import Iterator
 from dataclasses import asdict
 import os
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 from .airspace_file import read_zones
 from .documents import (
     Document, FileProblem, format_document, make_file_error, read_document)
-from ..fields import Block, refuse
+from ..fields import Block, ErrorList, refuse
 from ..files import atomic_file
 from ..geography import Origin
 from ...errors import (
@@ -46,17 +45,14 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
     if data is None:
         raise make_file_error(path, [FileProblem(
             None, 'the file is empty; it must have the fields of a mission'), *problems])
-    try:
-        with yaml_notation():
-            if text is None and isinstance(data, dict) and 'airspace' in data:
+    errors = ErrorList()
+    with yaml_notation():
+        if text is None and isinstance(data, dict) and 'airspace' in data:
+            with errors.collecting():
                 _add_airspace(data, Path(path).parent)
-    except ScenarioError as error:
-        problems += _locate(document, error)
-    try:
-        with yaml_notation():
+        with errors.collecting():
             scenario = kind.from_dict(data)
-    except ScenarioError as error:
-        problems += _locate(document, error)
+    problems += _locate(document, errors)
     if problems:
         raise make_file_error(path, dict.fromkeys(problems))
     return scenario
@@ -98,13 +94,12 @@ def write_mission(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
 
 def locate_error(path: str | os.PathLike[str], error: ScenarioError) -> MissionFileError:
     """Return the error of a file with the lines of a scenario's errors."""
-    return make_file_error(path, _locate(read_document(path), error))
+    return make_file_error(path, _locate(read_document(path), [error, *error.further]))
 
 
-def _locate(document: Document, error: ScenarioError) -> Iterator[FileProblem]:
-    """Yield the problems of a document that an error and its further ones are."""
-    for item in (error, *error.further):
-        yield FileProblem(document.line(item.place), str(item))
+def _locate(document: Document, errors: list[ScenarioError]) -> list[FileProblem]:
+    """Return errors with their lines in a document."""
+    return [FileProblem(document.line(error.place), str(error)) for error in errors]
 
 
 def _has_field(data: Any, field: str) -> bool:
