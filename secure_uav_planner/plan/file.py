@@ -16,6 +16,8 @@ _FORMAT = 'secure_uav_planner/plan'
 _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
 _MOST_BYTES = 2**29
 _ROUNDING = 1e-9  # bit/s/Hz
+_PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'bits',
+          'too_short')
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
 
 
@@ -27,16 +29,9 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
         'scenario': plan.scenario.to_dict(),
         'positions': plan.positions.tolist(),
         'powers': plan.powers.tolist(),
-        'method': plan.method,
-        'status': plan.status,
+        **{name: getattr(plan, name) for name in _PLAIN},
         'history': [asdict(iteration) for iteration in plan.history],
-        'solve_time': plan.solve_time,
-        'start_ns': plan.start_ns,
-        'objective': plan.objective,
         'bound': None if plan.bound is None else plan.bound.to_dict(),
-        'promised_until': plan.promised_until,
-        'bits': plan.bits,
-        'too_short': plan.too_short,
         **({'shares': plan.shares.tolist()} if len(plan.shares) > 1 else {}),
         'guaranteed_rate': plan.guaranteed_rate,
         **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),

@@ -100,7 +100,7 @@ class Player:
             return False
         self._latest, self._refusal = new, ''
         if flight is None or not self.streaming:
-            self._wait_at_start(new)
+            self._adopt(Flight(new, new.begin, 0.0))
         elif is_revision:
             self._revise(_make_flight(new, flight.time, flight.rate))
         else:
@@ -113,9 +113,6 @@ class Player:
         """Report the reason for which a plan is not played."""
         self._refusal = reason
         self._on_refusal(reason)
-
-    def _wait_at_start(self, playback: Playback) -> None:
-        self._adopt(Flight(playback, playback.begin, 0.0))
 
     def _adopt(self, flight: Flight) -> None:
         """Begin with the flight of another plan."""
@@ -196,7 +193,7 @@ class Player:
         if self.streaming:
             self._silence = 0.0
         if self._latest is not None:
-            self._wait_at_start(self._latest)
+            self._adopt(Flight(self._latest, self._latest.begin, 0.0))
 
     def unmet_conditions(self, positions: Sequence[Point3 | None], tolerance: float, speed: float
                          ) -> list[str]:

@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from .plan import Plan
-from ..errors import OptionError, quote
-from ..mission.fields import check_argument, find_range, TIME
+from ..mission.fields import check_argument, find_range, TIME, WholeNumber
 from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Eavesdropper, GroundNode, Point, Scenario, Uav
 from ..mission.tracks import join_tracks, LEFT_OUT, shift_track, Track
@@ -32,7 +31,7 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     :raises OptionError: for another point.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
-    _check_point(scenario, 'point', point)
+    point = check_argument('point', point, WholeNumber(0, scenario.slots - 1))
     slots, step = scenario.slots - point, scenario.slot_duration
     least = find_range(Uav, 'average_power').low
     left = scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1)
@@ -68,9 +67,9 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :return: a Plan of the whole mission.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
-    first = point if first is None else first
-    _check_point(scenario, 'point', point)
-    _check_point(scenario, 'first', first)
+    inside = WholeNumber(0, scenario.slots - 1)
+    point = check_argument('point', point, inside)
+    first = point if first is None else check_argument('first', first, inside)
     checked_kind('tail', tail, Plan)
     positions, powers = plan.positions, plan.powers
     if beginning is not None:
@@ -130,13 +129,6 @@ def _set_track(receiver: _Receiver, track: Track | None) -> _Receiver:
     """Return a receiver on a track, or as it is without one."""
     return receiver if track is None else replace(
         receiver, track=track, **dict.fromkeys(receiver.DECIDED, LEFT_OUT))
-
-
-def _check_point(scenario: Scenario, name: str, point: object) -> None:
-    if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
-            or not 0 <= point < scenario.slots):
-        raise OptionError(f'{name} is {quote(point)}; it must be a whole number from 0 to '
-                          f'{scenario.slots - 1}', (name,))
 
 
 def _shift(time: float | None, seconds: float) -> float | None:
