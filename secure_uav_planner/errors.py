@@ -96,9 +96,7 @@ class MissionFileError(ScenarioError, code='invalid_mission_file'):
         fields fit each other, and flights the duration, is asked when all are right.
     """
 
-    def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
-        super().__init__(text)
-        self.problems = problems
+    problems: tuple[tuple[int | None, str], ...] = ()
 
 
 class OptionError(PlanningError, ValueError, code='invalid_option'):

@@ -15,9 +15,9 @@ from typing import Any, ClassVar, get_args, TypeAlias
 
 import numpy as np
 
-from .validation import is_sequence, name_type, to_number
+from .validation import is_sequence, to_number
 from ..errors import (
-    describe_class, format_path, OptionError, PlanningError, prefix_error, quote, ScenarioError)
+    describe_class, OptionError, PlanningError, prefix_error, quote, ScenarioError)
 
 Point: TypeAlias = tuple[float, float]
 Metadata: TypeAlias = dict[str, Any]
@@ -26,10 +26,9 @@ MAX_DISTANCE = 100e3
 """The largest distance of a place in degrees from the origin in m."""
 
 
-def refuse(value: object, allowed: str, *path: int) -> ScenarioError:
-    """Return the error of a value, or of the item at a path in it, and what is allowed."""
-    return ScenarioError(f'{format_path(path)} is {quote(value)}{name_type(value)}; it must be '
-                         f'{allowed}', path)
+def refuse(value: object, allowed: str) -> ScenarioError:
+    """Return the error of a value, whose text says what is allowed."""
+    return ScenarioError(f' is {quote(value)}; it must be {allowed}')
 
 
 @dataclass(frozen=True)
@@ -279,12 +278,12 @@ class FieldChecks(ErrorList):
         own = getattr(item, 'name', None)
         self.item = item
         self.owner = f'{quote(own)[1:-1]}.' if own and isinstance(own, str) else kind._OWNER
-        missing = _find_missing(item)
-        if missing:
-            self.append(ScenarioError(f'{name} lacks {", ".join(missing)}'))
+        self._missing = _find_missing(item)
+        if self._missing:
+            self.append(ScenarioError(f'{name} lacks {", ".join(self._missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
             value = getattr(item, field.name)
-            if field.name in missing or 'check' not in field.metadata or value is None and (
+            if field.name in self._missing or 'check' not in field.metadata or value is None and (
                     field.default is None or NoneType in get_args(field.type)):
                 continue
             try:  # Much faster than a context manager.
@@ -296,8 +295,8 @@ class FieldChecks(ErrorList):
 
     def are_right(self, *names: str) -> bool:
         """Return True if fields are given and have no errors, so that they can be compared."""
-        return not any(getattr(self.item, name) is MISSING for name in names) and not any(
-            error.place[:1] == (name,) for error in self for name in names)
+        wrong = {*self._missing, *(error.place[0] for error in self if error.place)}
+        return not wrong.intersection(names)
 
     def add(self, field: str, text: str) -> None:
         """Add an error of a field; its text follows the owner and the name of the field."""

@@ -1,6 +1,6 @@
 """Checks of the arguments of functions, and numbers in their messages."""
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from decimal import Decimal, ROUND_CEILING, ROUND_FLOOR
 import math
 from typing import Any, TypeAlias, TypeVar
@@ -38,11 +38,6 @@ def is_sequence(value: object) -> bool:
     return (hasattr(value, '__getitem__') and hasattr(value, '__len__')
             and not isinstance(value, (str, bytes, bytearray, Mapping))
             and getattr(value, 'ndim', 1) > 0)
-
-
-def name_type(value: object) -> str:
-    """Return the class of a value that looks like a list of numbers and is none, for messages."""
-    return f', a {type(value).__name__}' if isinstance(value, (Set, bytes, bytearray)) else ''
 
 
 def make_unique(names: list[str]) -> tuple[str, ...]:

@@ -120,7 +120,9 @@ def make_file_error(path: str | os.PathLike[str], problems: Iterable[FileProblem
     line, text = problems[0]
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
     where = f'{path}' if line is None else f'{path}:{line}'
-    return MissionFileError(f'{where}: {text}{more}', tuple(problems))
+    error = MissionFileError(f'{where}: {text}{more}')
+    error.problems = tuple(problems)
+    return error
 
 
 def format_document(path: str | os.PathLike[str], data: Any) -> str:
