@@ -71,8 +71,6 @@ class Airspace:
         begin and end at rest can stop.
         """
         scenario = self.scenario
-        if not scenario.no_fly_zones:
-            return frozenset()
         size = math.hypot(*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max(), *(
             uav.max_speed**2 / uav.max_acceleration for uav in scenario.uavs
             if uav.max_acceleration is not None

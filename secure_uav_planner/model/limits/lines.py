@@ -129,7 +129,8 @@ class LineLimit(Limit):
     def compiled_points(self) -> core.Vectors:
         """Return the kernel's form of the control points of pairs."""
         number, uavs = np.arange(self.grid.slots + 2)[:, None], len(self.grid.fixed)
-        neighbours = np.clip(number + [0, -1, 1], 0, number[-1])[:, None, None] * uavs
+        near: NDArray[np.intp] = np.clip(number + [0, -1, 1], 0, number[-1])
+        neighbours = near[:, None, None] * uavs
         weights, constant = self.points.all_weights[..., [1, 0, 2]], self.points.constant
         points, factors = neighbours + self.first[:, None, None], weights[:, self.first]
         constants = constant[:, self.first]
