@@ -24,7 +24,6 @@ import secure_uav_planner
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.planner import Planner
 from secure_uav_planner.ros.replay import Replay
-from secure_uav_planner.ros.status import STATUS_KEYS
 from test_tracks_node import send_odometry
 import yaml
 
@@ -300,8 +299,10 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
             tmp_path / 'mission.yaml')
     any_of = {'<uav>': 'uav.', '<ground_node>': 'ground_node', '<which>': '(uav|zone)',
               '<topic>': '[a-z0-9_]+/(pose|odom)', '<part>': '(hovering|flying)'}
+    _, _, table = (ROOT / 'docs' / 'planner.md').read_text().partition('\n## Status\n')
+    documented = {*re.findall(r'^\| `(.*?)` \|', table, re.MULTILINE)}
     patterns = {key: re.sub('<.*?>', lambda kind: any_of[kind[0]], key.replace('.', r'\.'))
-                for key in STATUS_KEYS}
+                for key in documented}
 
     def have_come(keys):
         """Return True once values of these keys have come; none may be without a meaning."""
@@ -311,13 +312,13 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
         assert values <= set().union(*meant.values())
         return all(meant[key] for key in keys)
 
-    of_solves = {key for key in STATUS_KEYS if key.startswith('progress.')}
+    of_solves = {key for key in documented if key.startswith('progress.')}
     of_receivers = {'plan.promised_until'}
     with node_here('planner', mission_file=str(tmp_path / 'mission.yaml'), bound='after'):
         statuses = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: client.plan_paper() and have_come(of_solves))
         client.follow()
-        wait_for(lambda: have_come(STATUS_KEYS.keys() - of_receivers))
+        wait_for(lambda: have_come(documented - of_receivers))
         send_odometry(client, 200, 0, (1.0, 0.0))
         assert client.call('planner/plan').success
         wait_for(lambda: have_come(of_receivers))
