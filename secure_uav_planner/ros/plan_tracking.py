@@ -27,9 +27,9 @@ _ROUNDING = 1e-6  # s
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
 
 
-class _Promise:
+class _TrackedPlan:
     """
-    Until when a flight of a plan has the rates of the plan.
+    A plan that may be flown, and until when its flight has its rates.
 
     :ivar clock: of the plan, for which its receivers are predicted.
     :ivar is_dated: whether they move by estimates, so that a late flight leaves them.
@@ -38,7 +38,7 @@ class _Promise:
     """
 
     def __init__(self, plan: Plan, clock: PlanClock) -> None:
-        self.clock = clock
+        self.playback, self.clock = Playback(plan), clock
         self.gaps: list[tuple[float, float]] = []
         self.is_dated = plan.promised_until is not None
         self.end = math.inf
@@ -56,8 +56,7 @@ class PlanTracking:
 
     def __init__(self, poses: PoseBook) -> None:
         self._poses = poses
-        self._plans: dict[str, Playback] = {}
-        self._promises: dict[str, _Promise] = {}  # Of these plans.
+        self._plans: dict[str, _TrackedPlan] = {}  # By identity.
         self._published_ns = 0  # The newest plan.
         self._track = AchievedRates()
         self.forget_reports()
@@ -78,20 +77,19 @@ class PlanTracking:
         :param clock: the one that its receivers are predicted for, by default that of its start.
         :param begin: the time of the plan in s from which these count, in a replan.
         """
-        promise = _Promise(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9))
+        tracked = _TrackedPlan(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9))
         flight = self.flight(now)
         if flight is not None and flight.playback.plan.start_ns == plan.start_ns:
-            last = self._promises[flight.playback.plan.identity]
+            last = self._plans[flight.playback.plan.identity]
             # The point before has the receivers of before.
             until = begin - plan.scenario.slot_duration
-            promise.gaps = [gap for gap in (*last.gaps, (last.end, until))
+            tracked.gaps = [gap for gap in (*last.gaps, (last.end, until))
                             if max(gap[0], flight.time) < gap[1]]
         reported = self._reports.identity if self._reports else None
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
-        for record, new in ((self._plans, Playback(plan)), (self._promises, promise)):
-            for identity in {*record} - kept:
-                del record[identity]
-            record[plan.identity] = new
+        for identity in {*self._plans} - kept:
+            del self._plans[identity]
+        self._plans[plan.identity] = tracked
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
@@ -117,17 +115,17 @@ class PlanTracking:
         self._reports.add(clock, plan)
 
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
-        playback = self._plans.get(identity)
-        return playback is not None and Flight(
-            playback, (plan_ns - playback.plan.start_ns) * 1e-9, 0.0).is_under_way
+        tracked = self._plans.get(identity)
+        return tracked is not None and Flight(tracked.playback, (
+            plan_ns - tracked.playback.plan.start_ns) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
         """Return the Flight at a time, or None before any report on a plan."""
         reports, now_ns = self._reports, round(now * 1e9)
-        reported = reports and self._plans.get(reports.identity)
-        if not reported:
+        if reports is None or reports.identity not in self._plans:
             return None
-        newest = next(reversed(self._plans.values()))
+        reported = self._plans[reports.identity].playback
+        newest = next(reversed(self._plans.values())).playback
         # A new plan of the same flight is flown at the same time, as soon as it is adopted.
         is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
@@ -138,42 +136,42 @@ class PlanTracking:
 
     def promised_until(self, plan: Plan) -> float:
         """Return the time in s from point 0 until which the rates of a plan are promised."""
-        return min(self._promises[plan.identity].end, float(plan.times[-1]))
+        return min(self._plans[plan.identity].end, float(plan.times[-1]))
 
     def _lateness(self, flight: Flight) -> float:
         """Return the time in s by which a flight is late for its receivers, by its last report."""
         clock, start_ns = self._reports.last_ns * 1e-9, flight.playback.plan.start_ns
         reported = flight._replace(time=(self._reports.plan_ns - start_ns) * 1e-9)
-        late = self._promises[flight.playback.plan.identity].clock.to_plan(clock) - reported.time
+        late = self._plans[flight.playback.plan.identity].clock.to_plan(clock) - reported.time
         return max(0.0, late) if reported.state == 'waiting' else late
 
     def check_promise(self, now: float) -> None:
         """End the promise of a plan for good whose flight is late for its receivers."""
         flight = self.flight(now)
         if flight is not None and flight.is_reported and flight.state != 'ended':
-            promise = self._promises[flight.playback.plan.identity]
-            if promise.is_dated and abs(self._lateness(flight)) > PUNCTUAL:
-                promise.end = min(promise.end, flight.time)
+            tracked = self._plans[flight.playback.plan.identity]
+            if tracked.is_dated and abs(self._lateness(flight)) > PUNCTUAL:
+                tracked.end = min(tracked.end, flight.time)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
         """Return True if the promise to a flight ends within a time in s."""
-        return self._promises[flight.playback.plan.identity].end < flight.time + ahead
+        return self._plans[flight.playback.plan.identity].end < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
         plan = flight.playback.plan
-        promise = self._promises[plan.identity]
+        tracked = self._plans[plan.identity]
         late = self._lateness(flight)
         if flight.state == 'ended':
             return []
-        if promise.end <= flight.time:
+        if tracked.end <= flight.time:
             reason = ('the receivers that move are predicted no further'
                       if abs(late) <= PUNCTUAL else
                       f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
                       'the receivers that move are predicted for')
-            return [f'the promise of plan {plan.identity} ended at {promise.end:.1f} s: {reason}; '
+            return [f'the promise of plan {plan.identity} ended at {tracked.end:.1f} s: {reason}; '
                     'plan again']
         return [f'the promise ended at {end:.1f} s; the next begins at {begin:.1f} s'
-                for end, begin in promise.gaps if end <= flight.time < begin][:1]
+                for end, begin in tracked.gaps if end <= flight.time < begin][:1]
 
     # Time
 
@@ -266,7 +264,7 @@ class PlanTracking:
         problems += [f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
                      f'{most:g} m' for name, distance in distances.items()
                      if flight.state != 'waiting' and distance > most]
-        newest = next(reversed(self._plans.values()))
+        newest = next(reversed(self._plans.values())).playback
         rates = self._track.rates or ('none', 'none')
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
