@@ -67,15 +67,14 @@ class RateLimit:
         self._fastest = 0.0  # The rate from which these lead to the end.
         self._braking_times, self._braking_rates = np.empty(0), np.empty(0)
 
-    def approach(self, target: float, time: float, rate: float, velocities: Array,
-                 elapsed: float) -> float:
+    def approach(self, target: float, flight: Flight, velocities: Array, elapsed: float) -> float:
         """
         Return the rate nearest to a target that keeps all acceleration limits.
 
-        :param time: of the plan in s, elapsed s ago.
-        :param rate: its rate until now.
+        :param flight: as it was elapsed s ago.
         :param velocities: of the last setpoint, (U, 2) in m/s.
         """
+        time, rate = flight.time, flight.rate
         if not self.playback.plan.scenario.limits_acceleration:
             return target
         target = self._brake_in_time(target, max(target, rate), time + rate * elapsed)

@@ -277,7 +277,7 @@ class Player:
         if elapsed == 0.0 or flight.state == 'ended':
             return flight
         rate = target if last is None else self._limit.approach(
-            target, flight.time, flight.rate, last.velocities, elapsed)
+            target, flight, last.velocities, elapsed)
         return _make_flight(flight.playback, flight.time + rate * elapsed, rate)
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None) -> None:
