@@ -28,7 +28,8 @@ def snr(scenario, squared, to_ground):
     snrs = 10.0**(scenario.reference_snr_db / 10) / np.exp(
         0.5 * channel.exponent * np.log(squared + scenario.altitudes**2))
     is_adverse = np.array([(uav > 0) == to_ground for uav in range(uavs)])
-    share = (channel.outage or 0.0) / (uavs * (1 + len(scenario.eavesdroppers)))
+    links = len(scenario.eavesdroppers) + sum(2 - node.trusted for node in scenario.ground_nodes)
+    share = (channel.outage or 0.0) / (uavs * links)
     if channel.los is not None and channel.rician_k_db is not None:
         share /= 2
     if channel.los is not None:
@@ -52,20 +53,50 @@ def snr(scenario, squared, to_ground):
     return snrs
 
 
-def rates(grid, x, softening=0.0):
+def rates(grid, x, softening=0.0, node=0):
     """
-    Return r_0 (..., N) and the guarantee's r_e (..., N, E) in nats.
+    Return r_k (..., N) of a ground node and the guarantee's leaks (..., N, E + L) in nats.
 
     :param x: (..., N, U, 3).
     :param softening: of the jammers' distances to discs, in units of the grid.
+    :param node: k; what it is sent leaks to the E eavesdroppers and to L other nodes that listen.
     """
-    scenario = grid.scenario
     times = np.arange(1, grid.slots + 1) * grid.slot_duration
-    discs = [disc_at(eve, times) for eve in scenario.eavesdroppers]
-    receivers = [(ground_node_at(scenario, times), np.zeros(grid.slots), 1.0, True)] + [
-        (*disc, 10**(eve.receiver_advantage_db / 10), False)
-        for disc, eve in zip(discs, scenario.eavesdroppers)]
-    ground, *leaks = (_rate(grid, x, *receiver, softening * grid.length)
+    return _rates_at(grid.scenario, times, x[..., 1:] * grid.length + grid.origin,
+                     x[..., 0] * grid.power, softening * grid.length, node)
+
+
+def secrecy_rates(scenario, times, positions, powers):
+    """
+    Return r_k less the guarantee's leak of each ground node, (G, N) in bit/s/Hz.
+
+    :param positions: at the N times, (U, N, 2) in m; powers (U, N) in W.
+    """
+    found = []
+    for node in range(len(scenario.ground_nodes)):
+        ground, leaks = _rates_at(
+            scenario, times, np.swapaxes(positions, 0, 1), powers.T, 0.0, node)
+        found.append(ground - combine(scenario, leaks))
+    return np.array(found) / np.log(2)
+
+
+def combine(scenario, leaks):
+    """Return what leaks to all, of the leaks to each (..., E) in nats."""
+    if scenario.colluding:
+        return np.log(1 + (np.exp(leaks) - 1).sum(axis=-1))
+    return leaks.max(axis=-1)
+
+
+def _rates_at(scenario, times, positions, powers, softening, node):
+    """Return rates() at positions (..., N, U, 2) in m, powers (..., N, U) in W."""
+    points = np.zeros(len(times))
+    receivers = [(place_at(scenario.ground_nodes[node], times), points, 1.0, True)] + [
+        (*disc_at(eve, times), 10**(eve.receiver_advantage_db / 10), False)
+        for eve in scenario.eavesdroppers] + [
+        (place_at(other, times), points, 1.0, False)
+        for other in scenario.ground_nodes[:node] + scenario.ground_nodes[node + 1:]
+        if not other.trusted]
+    ground, *leaks = (_rate(scenario, positions, powers, *receiver, softening)
                       for receiver in receivers)
     return ground, np.stack(leaks, axis=-1)
 
@@ -79,26 +110,25 @@ def disc_at(eve, times):
         times, t, radius)
 
 
-def ground_node_at(scenario, times):
-    """Return the places of the ground node at times, (N, 2)."""
-    if scenario.ground_node_track is None:
-        return np.tile(scenario.ground_node, (len(times), 1))
-    t, x, y = np.transpose(scenario.ground_node_track)
+def place_at(node, times):
+    """Return the places of a ground node at times, (N, 2)."""
+    if node.track is None:
+        return np.tile(node.position, (len(times), 1))
+    t, x, y = np.transpose(node.track)
     return np.transpose([np.interp(times, t, x), np.interp(times, t, y)])
 
 
-def _rate(grid, x, place, radius, advantage, to_ground, softening):
-    power = x[..., 0] * grid.power
-    offset = x[..., 1:] * grid.length + grid.origin - place[:, None]
+def _rate(scenario, positions, powers, place, radius, advantage, to_ground, softening):
+    offset = positions - place[:, None]
     squared = offset[..., 0]**2 + offset[..., 1]**2
     if radius.any():
         distance = np.sqrt(squared[..., 0])
         squared[..., 0] = np.where(distance.real > radius, (distance - radius)**2, 0.0)
         rounded = np.sqrt(squared[..., 1:] + softening**2)
         squared[..., 1:] += radius[:, None] * (2 * rounded + radius[:, None])
-    if not grid.scenario.channel.is_inverse_square:  # Whose kink is rounded as well.
+    if not scenario.channel.is_inverse_square:  # Whose kink is rounded as well.
         squared = squared + softening**2
-    received = advantage * snr(grid.scenario, squared, to_ground) * power
+    received = advantage * snr(scenario, squared, to_ground) * powers
     return np.log(1 + received[..., 0] / (1 + received[..., 1:].sum(axis=-1)))
 
 
@@ -154,17 +184,17 @@ def slacks_at(grid, x, at=None):
     yield 1 - x[..., 0].mean(axis=0), grid.slots
 
 
-def objective(grid, x, mu, softening):
+def objective(grid, x, mu, softening, node=0):
     """
-    Return the sum of the largest leak, smoothed where there are several, less r_0, (...).
+    Return the largest leak, smoothed where there are several, less r_k of a ground node, (..., N).
 
     :param x: (..., N, U, 3).
     :param mu: in the grid's unit of rates.
     """
-    ground, leaks = rates(grid, x, softening * np.sqrt(mu))
+    ground, leaks = rates(grid, x, softening * np.sqrt(mu), node)
     mu = mu * grid.rate
     if grid.scenario.colluding and leaks.shape[-1] > 1:
-        return np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) - ground + mu
+        return combine(grid.scenario, leaks) - ground + mu
     if leaks.shape[-1] == 1:
         return leaks[..., 0] + mu - ground
     # The t that minimises t - mu sum log(t - leak): its own derivative does not matter.

@@ -16,7 +16,6 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import world as worlds
 from secure_uav_planner.assessment.monte_carlo import promised_rates
-from secure_uav_planner.model import channel
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.figures import draw_assessment
@@ -93,18 +92,6 @@ def rates_of(plan, places, fades=None, sights=None, better=0.0, errors=None):
 
 
 @settings(max_examples=40, deadline=None)
-@given(scenarios(), st.integers(0, 2**32 - 1))
-def test_at_the_centres_in_free_space_the_rates_are_the_plain_ones(scenario, seed):
-    plan = planned(scenario, seed)
-    found = assess(plan, 3, world=World(place='fixed'))
-    wanted = np.min([channel.secrecy_rates(
-        scenario, plan.positions, plan.powers, eve.position, eve.receiver_advantage_db)
-        for eve in scenario.eavesdroppers], axis=0).clip(0.0)
-    assert np.abs(found.fan - wanted).max() <= 1e-12 * max(1.0, wanted.max())
-    assert np.abs(found.rates - wanted.mean()).max() <= 1e-12 * max(1.0, wanted.max())
-
-
-@settings(max_examples=40, deadline=None)
 @given(scenarios(), st.integers(0, 2**32 - 1), st.sampled_from(['guaranteed', 'worst_case']))
 def test_in_the_disc_no_promise_is_broken(scenario, seed, objective):
     plan = replace(planned(scenario, seed), objective=objective)
@@ -119,6 +106,7 @@ def test_in_the_disc_no_promise_is_broken(scenario, seed, objective):
     (Channel(), World()), (Channel(2.7), World(receiver_db=4.0)),
     (Channel(los='urban'), World(los_distance=None)), (Channel(2.4, 'urban'), World()),
     (Channel(rician_k_db=5.0, outage=0.1), World('beyond', beyond=50.0)),
+    (Channel(), World('fixed')), (Channel(), World('fixed', positions=((150, 20), (-80, -90)))),
     (Channel(2.2, 'urban', False, 0.0, 0.1), World(los_distance=0.0, tracking_std=4.0))])
 def test_rates_are_those_of_plain_loops_in_every_world_drawn(of, world, colluding):
     plan = planned(team(colluding=colluding))
@@ -132,6 +120,9 @@ def test_rates_are_those_of_plain_loops_in_every_world_drawn(of, world, colludin
         return list(itertools.islice(states, slots))
 
     places = next(worlds.draw_places(one, world, draws, seed))
+    if world.place == 'fixed':
+        places = np.repeat([[place] for place in world.positions or [
+            eve.position for eve in one.eavesdroppers]], draws, axis=1)
     sights = of.los and world.los_distance is not None and first(worlds.draw_sights(
         one, plan.positions[:, 1:-1], world.los_distance, draws, seed))
     fades = of.outage and first(worlds.draw_fading(of.rician_k_db, links, draws, seed))
@@ -186,21 +177,16 @@ def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_tru
 # Draws
 
 
-def test_places_in_the_disc_are_uniform():
+@pytest.mark.parametrize('world, squares', [
+    (World(), (0.0, 40.0)), (World('beyond', beyond=25.0), (40.0, 65.0))])
+def test_places_in_the_disc_or_the_ring_beyond_are_uniform_and_independent(world, squares):
     scenario = team(40.0)
-    places = next(worlds.draw_places(scenario, World(), MANY, 3))
-    for found, eve in zip(places, scenario.eavesdroppers):
-        x, y = (found - eve.position).T / eve.error_radius
-        assert agrees(x**2 + y**2, stats.uniform.cdf)
-        assert agrees(np.arctan2(y, x), stats.uniform(-np.pi, 2 * np.pi).cdf)
+    places = next(worlds.draw_places(scenario, world, MANY, 3))
+    low, high = np.square(squares)
+    x, y = (places[0] - scenario.eavesdroppers[0].position).T
+    assert agrees(x**2 + y**2, stats.uniform(low, high - low).cdf)
+    assert agrees(np.arctan2(y, x), stats.uniform(-np.pi, 2 * np.pi).cdf)
     assert abs(np.corrcoef(places[0, :, 0], places[1, :, 0])[0, 1]) < 0.05
-
-
-def test_places_beyond_the_disc_are_uniform_in_the_ring():
-    scenario = team(40.0)
-    found = next(worlds.draw_places(scenario, World('beyond', beyond=25.0), MANY, 3))[0]
-    squared = ((found - scenario.eavesdroppers[0].position)**2).sum(axis=1)
-    assert agrees(squared, stats.uniform(40.0**2, 65.0**2 - 40.0**2).cdf)
 
 
 def test_normal_places_have_their_covariance():
@@ -216,11 +202,6 @@ def test_normal_places_have_their_covariance():
     np.testing.assert_allclose(np.cov(offsets.T), covariance, rtol=0.05)
     flat = next(worlds.draw_places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3))[0]
     assert np.abs(flat[:, 1] - 50.0).max() < 1e-12 < np.ptp(flat[:, 0])
-
-
-def test_fixed_places_are_those_given():
-    found = next(worlds.draw_places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0))
-    assert found.tolist() == [[[1.0, 2.0]] * 2, [[3.0, 4.0]] * 2]
 
 
 @pytest.mark.parametrize('rician_k_db', [-40.0, 0.0, 10.0, 30.0])
@@ -353,18 +334,12 @@ def test_the_table_has_what_is_found_beside_what_was_promised(plan):
         plan.times[int(number)], rel=1e-5)
 
 
-@pytest.mark.parametrize('world', [World(), World('fixed'), World('beyond', beyond=60.0)])
-def test_the_picture_shows_the_fan_the_outages_and_the_promise(plan, world):
-    found = assess(plan, 100, world=world)
+def test_the_picture_shows_what_is_promised_and_found(plan):
+    found = assess(plan, 100, world=World('beyond', beyond=60.0))
     fan, outages, missions = draw_assessment(found).axes
-    shown = {patch.get_label(): patch.get_data() for patch in fan.patches}
-    assert (shown['5% to 95%'].values == found.fan[4]).all()
-    assert (shown['5% to 95%'].baseline == found.fan[0]).all()
-    assert (shown['50%'].values == found.fan[2]).all()
-    assert (shown['promised'].values == found.promised_rates).all()
+    shown = {patch.get_label(): patch.get_data().values for patch in fan.patches}
+    for label, values in (('5% to 95%', found.fan[4]), ('50%', found.fan[2]),
+                          ('promised', found.promised_rates)):
+        assert (shown[label] == values).all()
     assert (outages.patches[0].get_data().values == found.outages).all()
-    shares = [patch.get_height() for patch in missions.patches]
-    assert sum(shares) == pytest.approx(1.0)
-    low, high = missions.get_xlim()
-    assert low <= min(found.rates.min(), found.promised_rate)
-    assert high >= max(found.rates.max(), found.promised_rate)
+    assert sum(patch.get_height() for patch in missions.patches) == pytest.approx(1.0)

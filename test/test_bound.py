@@ -1,7 +1,6 @@
 """The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
 
 from dataclasses import replace
-import json
 import math
 import warnings
 
@@ -145,17 +144,14 @@ def test_reported_bounds_never_rise(monkeypatch, plan):
     assert plan.rate < bound.rate < reports[-2].rate < reports[0].rate
 
 
-@pytest.mark.parametrize('limit', [1e-9, 1e-3, 0.02, 0.1, 0.3])
-def test_a_bound_cut_short_is_a_bound(limit, plan):
-    bound = upper_bound(PAPER, objective='guaranteed', plan=plan, time_limit=limit)
-    assert plan.guaranteed_rate <= bound.rate < math.inf
-    assert bound.status in ('time_limit', 'converged')
-
-
-@pytest.mark.parametrize('limit', [1e-4, 1e-3, 1e-2])
-def test_a_bound_without_a_plan_in_time_is_a_bound(limit):
-    bound = upper_bound(random_city_mission(0, slots=60, slack=0.5), time_limit=limit)
-    assert bound.status == 'time_limit' and 0 < bound.rate < math.inf
+@pytest.mark.parametrize('mission, limit', [
+    *((PAPER, limit) for limit in (1e-9, 1e-3, 0.02, 0.1, 0.3)),
+    *((random_city_mission(0, slots=60, slack=0.5), limit) for limit in (1e-4, 1e-2))])
+def test_a_bound_cut_short_also_before_there_is_a_plan_is_a_bound(mission, limit, plan):
+    known = plan if mission is PAPER else None
+    bound = upper_bound(mission, objective='guaranteed', plan=known, time_limit=limit)
+    assert (0 if known is None else plan.guaranteed_rate) <= bound.rate < math.inf
+    assert bound.status == 'time_limit' or known and bound.status == 'converged'
 
 
 def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_path):
@@ -171,18 +167,6 @@ def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_pa
     assert loaded.with_bound(None).claim == ''
     tail = cut_tail(proven, 2)
     assert tail.bound is None and continue_plan(proven, 2, tail).bound is None
-
-
-@pytest.mark.parametrize('change, word', [
-    ({'rate': math.nan}, None), ({'ignored': [5]}, 'ignored'), ({'solve_time': -1}, 'solve_time'),
-    ({'status': None}, 'status'), ({'more': 1}, 'more'), ([], 'fields')], ids=str)
-def test_a_file_with_a_damaged_bound_is_refused(change, word, plan, tmp_path):
-    plan.with_bound(Bound(PAPER, 9.0)).save(tmp_path / 'plan.json')
-    document = json.loads((tmp_path / 'plan.json').read_text())
-    document['bound'] = {**document['bound'], **change} if isinstance(change, dict) else change
-    (tmp_path / 'plan.json').write_text(json.dumps(document))
-    with pytest.raises(PlanFileError, match=word):
-        Plan.load(tmp_path / 'plan.json')
 
 
 @pytest.mark.parametrize('objective', OBJECTIVES)

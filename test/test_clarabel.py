@@ -2,7 +2,6 @@
 
 import clarabel
 import cvxpy as cp
-import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, solve
 from secure_uav_planner.optimize.alternating import restrict_trajectories, solve_problem
@@ -73,19 +72,34 @@ def test_a_problem_that_is_not_convex_is_an_error_in_the_program():
         solve_problem(cp.Problem(cp.Maximize(cp.square(x)), [x <= 1]))
 
 
-@pytest.mark.parametrize('error', [
-    Exception('Data formatting error'), PanicException('index out of bounds')])
-def test_the_best_iterate_survives_every_exception_of_the_solver(monkeypatch, error):
-    monkeypatch.setattr(clarabel, 'DefaultSolver', make_failing_solver(error, after=5))
+def make_hasty_settings(after):
+    """Return a replacement of Clarabel's settings that give up at once after a number of calls."""
+    healthy, calls = clarabel.DefaultSettings, []
+
+    def settings():
+        calls.append(healthy())
+        calls[-1].max_iter = 1 if len(calls) > after else 200
+        return calls[-1]
+
+    return settings
+
+
+@pytest.mark.parametrize('name, failing', [
+    ('DefaultSolver', make_failing_solver(Exception('Data formatting error'), after=5)),
+    ('DefaultSolver', make_failing_solver(PanicException('index out of bounds'), after=5)),
+    ('DefaultSettings', make_hasty_settings(after=5))])
+def test_the_best_iterate_survives_every_failure_of_the_solver(monkeypatch, name, failing):
+    monkeypatch.setattr(clarabel, name, failing)
     plan = solve(Scenario.paper(102), method='alternating')
     assert plan.status == 'numerical_trouble'
     rates = [iteration.rate for iteration in plan.history
              if iteration.step in ('power', 'trajectory')]
     assert plan.guaranteed_rate == pytest.approx(rates[4])
-    assert rates[4] > rates[0]
+    assert rates[4] > max(rates[0], 0.7)
 
 
 def test_every_solve_has_a_solver_of_its_own(monkeypatch):
+    # CVXPY's warm start does not survive that other entries of the matrices are zero.
     healthy, made = clarabel.DefaultSolver, []
     monkeypatch.setattr(
         clarabel, 'DefaultSolver', lambda *given: made.append(given) or healthy(*given))
@@ -93,17 +107,3 @@ def test_every_solve_has_a_solver_of_its_own(monkeypatch):
     for _ in range(3):
         assert solve_problem(problem)[0]
     assert len(made) == 3
-
-
-def test_a_large_mission_is_solved_again_with_other_zero_powers():
-    # Then other entries of the matrices are zero, which CVXPY's warm start did not survive.
-    scenario = Scenario.paper(200)
-    start = fly_hover_fly(scenario)
-    for silent in (slice(0, 0), slice(0, 50), slice(40, 90)):
-        powers = start.powers.copy()
-        powers[:, silent] = 0.0
-        restriction = restrict_trajectories(scenario, start.positions, powers)
-        solved, seconds = solve_problem(restriction.problem)
-        assert solved
-        assert seconds > 0
-        assert np.isfinite(restriction.get_answer()).all()

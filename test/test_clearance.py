@@ -10,7 +10,6 @@ from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError
 from secure_uav_planner.model.clearance import Clearance, least_distance, Pieces
 from secure_uav_planner.model.curve import Curve
-from secure_uav_planner.plan.splice import cut_tail
 import shapely
 
 SAMPLES = 2001
@@ -173,53 +172,13 @@ def test_the_least_distance_of_quadratic_motion_is_exact(seed, bend):
     assert np.linalg.norm(there, axis=-1) == pytest.approx(least)
 
 
-def plan_along(path, acceleration=None, **fields):
-    """Return a plan of one UAV at 50 m along points, with seconds between them."""
-    path = np.array(path, float)
-    uav = Uav('scout', tuple(path[0]), tuple(path[-1]), 50.0, 100.0,
-              max_acceleration=acceleration)
-    slots = len(path) - 2
-    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), (uav,), float(slots), slots, **fields)
-    return Plan(scenario, path[None], np.zeros((1, slots)))
-
-
-WALL = NoFlyZone(((10.0, -50.0), (20.0, -50.0), (20.0, 1.0), (10.0, 1.0)), name='wall')
-
-
-def test_a_plan_through_a_zone_is_refused_with_uav_zone_time_and_depth():
-    line = [(0.0, 0.0), (15.0, 0.5), (30.0, 0.0)]
-    with pytest.raises(PlanError, match=r'scout is 0\.5\d* m inside wall 1 s after point 0'):
-        plan_along(line, no_fly_zones=(WALL,))
-    # Above, below, and beside by less and by more than the tolerance.
-    for zone in (replace(WALL, floor=50.1), replace(WALL, ceiling=49.9)):
-        plan_along(line, no_fly_zones=(zone,))
-    level = [(0.0, 1.0 - 0.9e-6), (15.0, 1.0 - 0.9e-6), (30.0, 1.0 - 0.9e-6)]
-    assert plan_along(level, no_fly_zones=(WALL,)).clearance.to_zones.distance < 1e-6
-    with pytest.raises(PlanError, match='inside wall'):
-        plan_along(np.array(level) - [0.0, 0.3e-6], no_fly_zones=(WALL,))
-
-
-def test_the_curve_must_be_clear_and_its_control_points_need_not():
-    # The points go round the corner of the wall and the curve does not, and the other way round.
-    outside = [(0.0, 0.0), (0.0, 0.0), (15.0, 1.5), (30.0, 0.0), (30.0, 0.0)]
-    with pytest.raises(PlanError, match='inside wall 1.689 s'):
-        plan_along(outside, acceleration=100.0, no_fly_zones=(WALL,))
-    across = NoFlyZone(((14.0, 1.2), (16.0, 1.2), (15.0, 2.0)))
-    plan = plan_along(outside, acceleration=100.0, no_fly_zones=(across,))
-    assert plan.clearance.to_zones.distance == pytest.approx(0.075, abs=1e-9)
-    with pytest.raises(PlanError, match='inside zone 1'):
-        plan_along(outside, no_fly_zones=(across,))
-
-
-def passing_plan(offset, separation):
+def passing_plan(offset, separation, uavs=2):
     """Return a plan in which two UAVs pass each other in the middle of a slot."""
-    uavs = [Uav('east', (0.0, 0.0), (30.0, 0.0), 50.0, 100.0),
-            Uav('west', (30.0, offset), (0.0, offset), 53.0, 100.0)]
-    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), tuple(uavs), 2.0, 2,
-                        separation=separation)
-    shares = np.linspace(0, 1, 4)[:, None]
-    paths = [np.array(uav.start) + shares * (np.array(uav.goal) - uav.start) for uav in uavs]
-    return Plan(scenario, np.array(paths), np.zeros((2, 2)))
+    uavs = (Uav('east', (0.0, 0.0), (30.0, 0.0), 50.0, 100.0),
+            Uav('west', (30.0, offset), (0.0, offset), 53.0, 100.0))[:uavs]
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), uavs, 2.0, 2, separation=separation)
+    paths = np.linspace(scenario.starts, scenario.goals, 4, axis=1)
+    return Plan(scenario, paths, np.zeros((len(uavs), 2)))
 
 
 def test_uavs_that_pass_too_close_between_points_are_refused():
@@ -232,33 +191,9 @@ def test_uavs_that_pass_too_close_between_points_are_refused():
         passing_plan(4.0, 5.1)
 
 
-def test_a_uav_that_waits_at_its_goal_counts():
-    uavs = (Uav('late', (0.0, 40.0), (0.0, 7.0), 50.0, 100.0, max_acceleration=200.0),
-            Uav('early', (0.0, -40.0), (0.0, 0.0), 50.0, 100.0, max_acceleration=200.0))
-    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), uavs, 2.0, 2)
-    positions = np.array([[(0, 40), (0, 40), (0, 40), (0, 7)], [(0, -40), (0, 0), (0, 0), (0, 0)]])
-    plan = Plan(scenario, positions, np.zeros((2, 2)))
-    assert plan.clearance.between_uavs == (pytest.approx(7.0), pytest.approx(3.5),
-                                           ('late', 'early'))
-    close = np.array([[(0, 40), (0, 40), (0, 0), (0, 7)], [(0, -40), (0, 0), (0, 0), (0, 0)]])
-    with pytest.raises(PlanError, match='late and early'):
-        Plan(replace(scenario, separation=7.0), close, np.zeros((2, 2)))
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 10**6))
-def test_tails_of_a_plan_keep_its_separation(seed):
-    scenario, positions = random_flights(seed, slots=6)
-    plan = Plan(at_rest(scenario), positions, np.zeros((3, 6)))
-    nearest = plan.clearance.between_uavs.distance
-    plan = replace(plan, scenario=replace(plan.scenario, separation=max(0.0, nearest - 1e-7)))
-    for point in range(1, 6):
-        assert cut_tail(plan, point).clearance.between_uavs.distance >= nearest - 1e-7
-
-
 def test_a_single_uav_without_zones_has_no_clearances():
-    plan = plan_along([(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)])
-    assert plan.clearance.between_uavs is None and plan.clearance.to_zones is None
+    clearance = passing_plan(4.0, 0.0, uavs=1).clearance
+    assert clearance.between_uavs is None and clearance.to_zones is None
 
 
 def test_the_largest_plan_can_be_checked():

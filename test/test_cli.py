@@ -1,26 +1,21 @@
 """The command, as a person or a script runs it."""
 
 import argparse
-from contextlib import suppress
 from dataclasses import replace
-import math
+import io
 import os
 from pathlib import Path
-import pty
 import re
-import resource
 import shutil
 import signal
 import subprocess
 import sys
-import threading
 
 from processes import environment, ROOT
 import pytest
-from secure_uav_planner import Channel, Eavesdropper, Plan, Scenario
+from secure_uav_planner import Channel, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from strategies import make_crowd
-from test_mission_file import RICH
 
 MODULE = [sys.executable, '-m', 'secure_uav_planner']
 PATIENCE = 300.0
@@ -54,6 +49,9 @@ def test_a_plan_is_written_with_all_that_belongs_to_it(planned):
         'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
     for name in out.iterdir():
         assert f'{Path("a/b") / name.name}' in printed
+    pandas = pytest.importorskip('pandas')
+    pandas.testing.assert_frame_equal(
+        pandas.read_csv(out / 'plan.csv'), plan.to_dataframe(), check_exact=True)
 
 
 def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
@@ -70,19 +68,6 @@ def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     assert f'; {plan.claim}, which is proven' in printed
     [percent] = re.findall(r'at most (.*)% below the best possible', printed)
     assert 0 <= float(percent) - 100 * (1 - plan.worst_case_rate / plan.bound.rate) < 0.1 + 1e-9
-
-
-def test_the_csv_is_the_table_of_the_plan(planned):
-    pandas = pytest.importorskip('pandas')
-    folder, _ = planned
-    table = pandas.read_csv(folder / 'a' / 'b' / 'plan.csv')
-    assert list(table) == [
-        'uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power',
-        'guaranteed_rate', 'worst_case_rate', 'eavesdropper.x', 'eavesdropper.y',
-        'eavesdropper.radius']
-    plan = Plan.load(folder / 'a' / 'b' / 'plan.json')
-    pandas.testing.assert_frame_equal(table, plan.to_dataframe(), check_exact=True)
-    assert len(table) == 2 * 32
 
 
 @pytest.mark.parametrize('scenario, reason', [
@@ -119,105 +104,6 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
     assert f'{Plan.load(file).guaranteed_rate:.4f}' in capsys.readouterr().out
     assert main(['show', str(file), '-o', str(folder / 'x.doc')]) == 2
     assert '.png, .svg, .pdf, .html' in capsys.readouterr().err
-
-
-def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
-    file = tmp_path / 'mission.yaml'
-    assert main(['new', str(file)]) == 0
-    assert main(['check', str(file)]) == 0
-    out, err = capsys.readouterr()
-    assert 'can be flown' in out and err == ''
-    example = Scenario.load(file)
-    assert example.separation > 0 and math.dist(*example.starts) > example.separation
-    assert math.dist(*example.goals) > example.separation
-    data = RICH.to_dict()
-    for name in [*data, *data['uavs'][0], *data['eavesdroppers'][0], *data['no_fly_zones'][0]]:
-        assert re.search(rf'\b{name}:', file.read_text()), name
-    # The example of a zone is right as well.
-    text = re.sub(r'^#  ', '  ', file.read_text().replace('zones: []', 'zones:   '),
-                  flags=re.MULTILINE)
-    file.write_text(text)
-    assert Scenario.load(file).no_fly_zones[0].name == 'tower'
-    assert main(['new', str(file)]) == 2 and file.read_text() == text
-    assert 'is there already' in capsys.readouterr().err
-    assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
-
-
-WALL = '  - {name: wall, vertices: [[-600, -5], [600, -5], [600, 5], [-600, 5]]}'
-
-
-@pytest.mark.parametrize('fence, line, reason', [
-    ('', 1, 'duration is 90 s; {} needs at least 1'),
-    ('[[-500, -500], [500, -500], [500, 500], [-500, 500]]', 4,
-     'no way leads {} from start to goal: wall is in its way')])
-def test_check_and_plan_refuse_the_same_missions_in_the_same_words(
-        tmp_path, capsys, fence, line, reason):
-    file = tmp_path / 'mission.yaml'
-    text = f"""\
-duration: 90
-slots: 45
-uavs:
-  - &one {{name: a, start: [90, 300], goal: [90, -300], altitude: 100, max_speed: 10}}
-  - {{<<: *one, name: b, start: [120, 300], goal: [120, -300]}}
-ground_node: [0, 0]
-eavesdroppers: [{{position: [200, 0], error_radius: 10}}]
-no_fly_zones:
-{WALL}
-geofence: {fence or 'null'}
-"""
-    file.write_text(text)
-    told = []
-    for arguments in (['check', str(file)], ['plan', str(file), '-o', str(tmp_path / 'out')]):
-        assert main(arguments) == 2
-        out, err = capsys.readouterr()
-        assert out == '' and len(err.splitlines()) == 2
-        for number, name, words in zip((0, 1), 'ab', err.splitlines()):
-            where = line + number if fence else line
-            assert words.startswith(f'secure_uav_planner: {file}:{where}: {reason.format(name)}')
-        told.append(err)
-    assert told[0] == told[1]
-    # Of values that are wrong, all are told, and flights are asked for when all are right.
-    file.write_text(text.replace('max_speed: 10', 'max_speed: 10, average_power: 9').replace(
-        'error_radius: 10', 'error_radius: 10 m'))
-    assert main(['check', str(file)]) == 2
-    err = capsys.readouterr().err
-    assert err.count('peak_power is 4.0') == 2 and "error_radius is '10 m'" in err
-    assert len(err.splitlines()) == 3
-    file.write_text(text.replace('duration: 90', 'duration: short'))
-    assert main(['check', str(file)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-@pytest.mark.parametrize('knots, notes', [
-    ([[0, 200, -100, 10], [121, 200, 100, 10]], []),
-    ([[500, 0, 0, 1], [600, 0, 9, 1]], ['covers 0 of 121 s']),
-    ([[-9, 0, 0, 1], [60.5, 0, 9, 1]], ['covers 60.5 of 121 s']),
-    ([[0, 0, 0, 1], [121000, 0, 900, 1]], ['lasts 121000 s, the flight 121 s: s?']),
-    ([[0, 8.53, 47.37, 10], [121, 8.54, 47.38, 10]], ['within 1 m, and 461.'])])
-def test_check_notes_a_track_that_hardly_meets_the_flight(tmp_path, capsys, knots, notes):
-    file = tmp_path / 'mission.yaml'
-    replace(Scenario.paper(120.0), eavesdroppers=(
-        Eavesdropper(name='car', track=knots),)).save(file)
-    assert main(['check', str(file)]) == 0
-    err = capsys.readouterr().err.splitlines()
-    assert len(err) == len(notes)
-    for line, note in zip(err, notes):
-        assert line.startswith('note: ') and 'track of car' in line and note in line
-
-
-def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
-    file = tmp_path / 'mission.yaml'
-    for altitude, warnings in ((110.0, ()), (100.0, (
-            'warning: nothing keeps uav1 and uav2 5 m apart; set separation',
-            'warning: uav1 and uav2 come within 0.0 m of each other at'))):
-        scenario = Scenario.paper(120.0, slots=10)
-        replace(scenario, uavs=tuple(replace(uav, altitude=height) for uav, height in zip(
-            scenario.uavs, (100.0, altitude)))).save(file)
-        assert main(['check', str(file)]) == 0
-        assert main(['plan', str(file), '-o', str(tmp_path), '--bound-time-limit', '0']) == 0
-        err = capsys.readouterr().err.splitlines()
-        assert len(err) == len(warnings)
-        assert all(line.startswith(warning) for line, warning in zip(err, warnings))
 
 
 @pytest.mark.parametrize('arguments, reason', [
@@ -298,21 +184,6 @@ def test_what_cannot_be_drawn_is_a_line_and_the_rest_is_written(tmp_path, monkey
     assert capsys.readouterr().err.count('cannot be drawn: RuntimeError: no font') == 2
 
 
-def limit_file_size():
-    """Let no file grow beyond 4 kB, as on a disk that is full."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-
-
-def test_a_full_disk_is_one_line_and_status_1(tmp_path):
-    Scenario.paper(120.0, slots=60).save(tmp_path / 'mission.yaml')
-    done = run(tmp_path, *PLAN, preexec_fn=limit_file_size)
-    assert done.returncode == 1, done.stdout + done.stderr
-    line, = done.stderr.splitlines()
-    assert line == (f'secure_uav_planner: {tmp_path / "out" / "plan.json"} cannot be written: '
-                    'File too large; what was written before is kept')
-    assert not list((tmp_path / 'out').glob('*.json*'))
-
-
 @pytest.mark.parametrize('command', ['show', 'assess'])
 def test_a_picture_that_cannot_be_written_is_told_before_all_else(
         planned, tmp_path, capsys, command):
@@ -342,16 +213,6 @@ def test_the_command_needs_no_output_and_tells_of_one_that_is_full(tmp_path):
             'was written before is kept\n'))
 
 
-def test_a_failure_on_the_way_says_what_was_written(tmp_path):
-    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
-    (tmp_path / 'out' / 'plan.png').mkdir(parents=True)
-    done = run(tmp_path, *PLAN, '--no-baselines')
-    assert done.returncode == 1 and done.stdout == ''
-    written, reason = done.stderr.splitlines()
-    assert written == f'written: {Path("out") / "plan.json"}, {Path("out") / "plan.csv"}'
-    assert str(Path('out') / 'plan.png') in reason
-
-
 def test_all_files_are_written_though_nobody_reads_what_is_printed(tmp_path):
     Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
     ours, theirs = os.pipe()
@@ -363,61 +224,46 @@ def test_all_files_are_written_though_nobody_reads_what_is_printed(tmp_path):
         'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
 
 
-def stop_plan_at(text, number, folder, *arguments):
-    """
-    Send a signal to a plan of the command once it shows a text.
+class Terminal(io.StringIO):
+    """A terminal that sends a signal to this process once it shows a text."""
 
-    :return: its exit status, what it printed, and what it showed on its terminal.
-    """
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [*MODULE, 'plan', 'mission.yaml', *arguments], cwd=folder, stdout=subprocess.PIPE,
-        stderr=theirs, env=environment())
-    os.close(theirs)
-    guard = threading.Timer(PATIENCE, process.kill)
-    guard.start()
-    shown = []
-    try:
-        while text not in b''.join(shown):
-            shown.append(os.read(ours, 1000))
-        process.send_signal(number)
-        # The other end of a terminal that nobody reads would block.
-        reader = threading.Thread(target=drain, args=[ours, shown], daemon=True)
-        reader.start()
-        printed, _ = process.communicate()
-        reader.join(PATIENCE)
-    finally:
-        guard.cancel()
-        process.kill()
-    return process.returncode, printed.decode(), b''.join(shown).decode()
+    def __init__(self, text, number):
+        super().__init__()
+        self.text, self.number = text, number
+
+    def isatty(self):
+        return True
+
+    def write(self, shown):
+        if self.text and self.text in shown:
+            self.text = None
+            signal.raise_signal(self.number)
+        return super().write(shown)
 
 
-def drain(terminal, shown):
-    """Read all that comes."""
-    with suppress(OSError):
-        while text := os.read(terminal, 1000):
-            shown.append(text)
+SEARCH = '(power)', ('--method', 'alternating', '--no-baselines', '--bound-time-limit', '0')
+PROOF = 'no plan has more', ('--bound-time-limit', '600')
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
-    Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
-    status, printed, shown = stop_plan_at(b'(power)', number, tmp_path, '--method', 'alternating',
-                                          '--no-baselines', '--bound-time-limit', '0')
-    assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
-    plan = Plan.load(tmp_path / 'out' / 'plan.json')
-    assert plan.status == 'cancelled' and plan.message in printed
+@pytest.mark.parametrize('number, stage', [
+    (signal.SIGINT, SEARCH), (signal.SIGTERM, SEARCH), (signal.SIGINT, PROOF)])
+def test_a_signal_keeps_the_best_plan_and_what_is_proven_so_far_and_says_so(
+        tmp_path, monkeypatch, capsys, number, stage):
+    monkeypatch.chdir(tmp_path)
+    Scenario.paper(200.0, slots=500).save('mission.yaml')  # The proof takes long.
+    text, options = stage
+    terminal = Terminal(text, number)
+    monkeypatch.setattr(sys, 'stderr', terminal)
+    assert main(['plan', 'mission.yaml', *options]) == 130
+    printed = capsys.readouterr().out
+    assert 'secure_uav_planner: stopped; ' in terminal.getvalue()
     assert 'written: out/plan.json' in printed
-
-
-def test_ctrl_c_in_the_proof_keeps_plan_baselines_and_what_is_proven_and_says_so(tmp_path):
-    Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')  # The proof takes long.
-    status, printed, shown = stop_plan_at(b'no plan has more', signal.SIGINT, tmp_path,
-                                          '--bound-time-limit', '600')
-    assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
-    assert ', when it was stopped\n' in printed
-    plan = Plan.load(tmp_path / 'out' / 'plan.json')
+    plan = Plan.load('out/plan.json')
+    if stage is SEARCH:
+        assert plan.status == 'cancelled' and plan.message in printed
+        return
     assert plan.status == 'converged' and plan.bound.status == 'cancelled'
+    assert ', when it was stopped\n' in printed
     for scheme in ('fly_hover_fly_constant', 'fly_hover_fly_optimised', 'bound of any plan'):
         assert scheme in printed
 

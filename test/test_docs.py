@@ -17,13 +17,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from docs.tools import reference
 from processes import environment, ROOT
 import pytest
-import rclpy
-from rclpy.context import Context
 from ros_client import flat, node_here, values_of, wait_for
 import secure_uav_planner
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.planner import Planner
 from secure_uav_planner.ros.replay import Replay
+from test_security import lone_node
 from test_tracks_node import send_odometry
 import yaml
 
@@ -279,17 +278,10 @@ def offered(node):
 
 @pytest.mark.parametrize('kind', [Planner, Replay])
 def test_the_nodes_have_the_topics_and_services_of_the_reference(kind, interfaces):
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = kind(context=context, namespace='/here')
-    try:
+    with lone_node(kind, namespace='/here') as node:
         assert set(offered(node)) == {
             row[:5] for row in interfaces
             if row.node == node.get_name() and '<uav>.reference' not in row.meaning}
-    finally:
-        node.close()
-        node.destroy_node()
-        context.try_shutdown()
 
 
 def test_the_reference_has_every_value_of_the_status(client, tmp_path):

@@ -1,7 +1,7 @@
 """Energy: the rotary wing of the literature, integrated along the curve that is flown."""
 
 import csv
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 import json
 import math
 from pathlib import Path
@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from secure_uav_planner import (
-    assess, Channel, fly_hover_fly, Plan, Propulsion, Scenario, solve, World)
+    assess, Channel, fly_hover_fly, Propulsion, Scenario, solve, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.parameters import list_values, read_specs
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.settings import mission_values, uav_from
 from secure_uav_planner.ros.status import State, status_values
 from strategies import with_uavs
 
@@ -86,31 +84,10 @@ def test_below_a_tenth_of_max_speed_a_uav_hovers():
     assert energy.flying == pytest.approx(step * power([1.01, 10.0, 5.0]).sum())
 
 
-def test_a_propulsion_survives_files_of_missions_and_plans(plan, tmp_path):
-    for name in ('mission.yaml', 'mission.json'):
-        plan.scenario.save(tmp_path / name)
-        assert Scenario.load(tmp_path / name) == plan.scenario
-    plan.save(tmp_path / 'plan.json')
-    assert Plan.load(tmp_path / 'plan.json').energies == plan.energies
-    assert plan.energies[1] is None and plan.energies[0].total > 0
-
-
 def test_an_empty_block_in_a_file_means_the_defaults():
     data = Scenario.paper().to_dict()
     data['uavs'][0]['propulsion'] = {}
     assert Scenario.from_dict(data).uavs[0].propulsion == Propulsion()
-
-
-def test_the_nodes_accept_a_propulsion_from_a_mission_and_by_parameters(plan):
-    assert len(list_values('uav', Propulsion())) == len(fields(Propulsion))
-    scenario = add_propulsion(plan.scenario, tip_speed=150.0)
-    scenario = replace(scenario, uavs=(scenario.uavs[0], replace(
-        scenario.uavs[1], propulsion=None)))
-    for number, uav in enumerate(scenario.uavs):
-        defaults = {name: spec.default
-                    for name, spec in read_specs('uav', uav.name, number).items()}
-        assert uav_from(defaults, uav.name).propulsion is None
-        assert uav_from({**defaults, **mission_values(scenario)}, uav.name) == uav
 
 
 def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(plan):

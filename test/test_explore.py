@@ -329,13 +329,8 @@ def test_the_text_is_the_mission_and_its_errors_are_told_by_line(page):
     line = 1 + page.yaml.split('error_radius')[0].count('\n')
     wait_for(page.browser, lambda: f'line {line}: ' in page.text('problem'))
     assert 'wide' in page.text('problem') and 'wide' in page.yaml
-
-
-def test_a_text_names_no_files(page, tmp_path):
-    (tmp_path / 'zones.geojson').write_text('secret')
-    page.write(f'{page.yaml}\nairspace: {tmp_path}/zones.geojson')
-    wait_for(page.browser, lambda: 'airspace' in page.text('problem'))
-    assert "has no field 'airspace'" in page.text('problem')
+    page.write(f'{before}\nairspace: zones.geojson')  # A text names no files.
+    wait_for(page.browser, lambda: "has no field 'airspace'" in page.text('problem'))
 
 
 def test_mission_and_plan_can_be_downloaded(page):
@@ -349,28 +344,25 @@ def test_mission_and_plan_can_be_downloaded(page):
 
 
 @pytest.mark.parametrize('width', [360, 1280])
-def test_the_page_fits_a_screen(browser, url, width):
+def test_the_page_fits_a_screen_asks_its_own_server_only_and_logs_no_errors(
+        browser, url, width):
     browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
         'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500})
     try:
+        browser.get('about:blank')  # Which ends what the page before was asking for.
+        browser.get_log('browser')
         page = Page(browser, url)
         assert browser.execute_script('return document.documentElement.scrollWidth') <= width
         boxes = [browser.find_element(By.CSS_SELECTOR, f'#{name} .main-svg').rect
                  for name in ('map', 'charts')]
         assert all(box['width'] > 300 and box['height'] > 300 for box in boxes)
         page.wait_for_plan()
+        asked = browser.execute_script(
+            'return performance.getEntriesByType("resource").map(entry => entry.name)')
+        assert [name for name in asked if not name.startswith((url, 'data:', 'blob:'))] == []
+        assert [log for log in browser.get_log('browser') if log['level'] == 'SEVERE'] == []
     finally:
         browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
-
-
-def test_the_page_asks_its_own_server_only_and_logs_no_errors(browser, url):
-    browser.get('about:blank')  # Which ends what the page before was asking for.
-    browser.get_log('browser')
-    Page(browser, url).wait_for_plan()
-    asked = browser.execute_script(
-        'return performance.getEntriesByType("resource").map(entry => entry.name)')
-    assert [name for name in asked if not name.startswith((url, 'data:', 'blob:'))] == []
-    assert [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE'] == []
 
 
 # Who is answered
@@ -382,9 +374,10 @@ def ask(url, method='GET', path='/', body=None, **headers):
     return connection.getresponse()
 
 
-def test_other_hosts_and_origins_are_refused(url):
-    own = url.rstrip('/')
-    host = url.split('/')[2]
+def test_other_computers_hosts_and_origins_are_refused(url):
+    own, host = url.rstrip('/'), url.split('/')[2]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(('127.0.0.2', int(host.split(':')[1])), PATIENCE)
     assert ask(url).status == 200 and ask(url, Origin=own).status == 200
     assert ask(url, Host='attacker.example').status == 403  # DNS rebinding.
     assert ask(url, Host=f'attacker.example:{host.split(":")[1]}').status == 403
@@ -392,12 +385,6 @@ def test_other_hosts_and_origins_are_refused(url):
         answer = ask(url, 'POST', '/_dash-update-component', json.dumps({}), Origin=origin,
                      **{'Content-Type': 'text/plain'})
         assert answer.status == 403 and answer.getheader('Access-Control-Allow-Origin') is None
-
-
-def test_the_page_is_at_this_computer_only(url):
-    port = int(url.split(':')[2].strip('/'))
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(('127.0.0.2', port), PATIENCE)
 
 
 def test_a_port_that_is_taken_is_told():

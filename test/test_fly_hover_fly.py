@@ -1,16 +1,8 @@
 from dataclasses import replace
 
-from hypothesis import given
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario
-from strategies import scenarios
-
-
-@given(scenarios())
-def test_fly_hover_fly_can_always_be_flown(scenario):
-    plan = fly_hover_fly(scenario)  # a Plan refuses what cannot be flown
-    assert plan.method == 'fly_hover_fly_constant'
 
 
 def test_with_time_the_uavs_hover_above_their_places_as_long_as_possible():

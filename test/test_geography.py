@@ -1,6 +1,5 @@
-"""Places on Earth: the projections of autopilots, missions in degrees, and airspace files."""
+"""Places on Earth: the projections of autopilots, missions in degrees, and plans as maps."""
 
-from contextlib import suppress
 from dataclasses import replace
 import json
 import math
@@ -11,11 +10,10 @@ from city import FILE as CITY
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, read_zones, Scenario)
+    Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
-from secure_uav_planner.errors import MissionFileError, OptionError
+from secure_uav_planner.errors import OptionError
 from secure_uav_planner.mission.polygons import depth
-from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.ros.settings import load_mission, origin_from
 import yaml
 
@@ -135,17 +133,6 @@ def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
         assert left == right  # So that they are planned alike.
 
 
-def test_an_origin_stays_with_missions_and_plans_and_without_it_files_are_as_before(tmp_path):
-    plain = Scenario.paper(120.0)
-    assert 'origin' not in plain.to_dict()
-    scenario = replace(plain, origin=Origin(*ZURICH, 'ardupilot'))
-    for name in ('a.yaml', 'a.json'):
-        scenario.save(tmp_path / name)
-        assert Scenario.load(tmp_path / name) == scenario
-    fly_hover_fly(scenario).save(tmp_path / 'plan.json')
-    assert cut_tail(Plan.load(tmp_path / 'plan.json'), 3).scenario.origin == scenario.origin
-
-
 def test_numbers_that_look_like_degrees_get_a_note(tmp_path, capsys):
     file = tmp_path / 'mission.yaml'
     scenario = Scenario.paper(120.0)
@@ -163,231 +150,15 @@ def test_numbers_that_look_like_degrees_get_a_note(tmp_path, capsys):
     assert 'note: starts, goals and receivers: all places' in capsys.readouterr().err
 
 
-# Airspace files, as QGroundControl 4, geojson.io and Google Earth write them
-
-SQUARE = [[8.547, 47.398], [8.549, 47.398], [8.549, 47.399], [8.547, 47.399], [8.547, 47.398]]
-LATITUDE_FIRST = [[latitude, longitude] for longitude, latitude in SQUARE[:-1]]
-
-
-def feature(coordinates, kind='Polygon', **properties):
-    return {'type': 'Feature', 'properties': properties,
-            'geometry': {'type': kind, 'coordinates': coordinates}}
-
-
-def geojson(*features):
-    return json.dumps({'type': 'FeatureCollection', 'features': features})
-
-
-def qgc(polygons=(), circles=()):
-    return json.dumps({
-        'fileType': 'Plan', 'groundStation': 'QGroundControl', 'version': 1,
-        'geoFence': {'version': 2, 'polygons': [
-            {'polygon': corners, 'inclusion': inclusion, 'version': 1}
-            for corners, inclusion in polygons], 'circles': [
-            {'circle': {'center': centre, 'radius': radius}, 'inclusion': inclusion, 'version': 1}
-            for centre, radius, inclusion in circles]},
-        'mission': {'items': [], 'version': 2}, 'rallyPoints': {'points': [], 'version': 2}})
-
-
-def kml(inside='', name='Rail yard', head='', height=0, outside=''):
-    corners = ' '.join(f'{longitude},{latitude},{height}' for longitude, latitude in SQUARE)
-    return f"""<?xml version="1.0" encoding="UTF-8"?>{head}
-<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">
-<Document><name>Zones.kml</name><Folder>{outside}<Placemark><name>{name}</name><Polygon>{inside}
-<outerBoundaryIs><LinearRing><coordinates>\n\t{corners} \n</coordinates></LinearRing>
-</outerBoundaryIs></Polygon></Placemark></Folder></Document></kml>"""
-
-
-def read(folder, name, text, projection='px4', altitude=None):
-    (folder / name).write_text(text)
-    return read_zones(folder / name, Origin(*ZURICH, projection, altitude))
-
-
-@pytest.mark.parametrize('projection', MODELS)
-def test_zones_of_all_formats_are_where_the_autopilot_takes_them_to_be(tmp_path, projection):
-    corners = [MODELS[projection](ZURICH, place) for place in LATITUDE_FIRST]
-    east = [[[longitude + 0.01, latitude] for longitude, latitude in SQUARE]]
-    zones, fence = read(tmp_path, 'a.geojson', geojson(
-        feature([SQUARE], name='Rail yard', floor=10, ceiling=60.0, stroke='#555555'),
-        feature([[SQUARE], east], 'MultiPolygon')), projection)
-    assert fence is None and [(zone.name, zone.floor, zone.ceiling) for zone in zones] == [
-        ('Rail yard', 10.0, 60.0), ('', 0.0, math.inf), ('', 0.0, math.inf)]
-    extruded = '<extrude>1</extrude><altitudeMode>relativeToGround</altitudeMode>'
-    named, = read(tmp_path, 'a.kml', kml(extruded, height=60), projection)[0]
-    ground, = read(tmp_path, 'b.kml', kml(height=450), projection)[0]
-    assert (named.name, named.ceiling, ground.ceiling) == ('Rail yard', 60.0, math.inf)
-    (excluded,), included = read(tmp_path, 'a.plan', qgc(
-        [(LATITUDE_FIRST, False), (LATITUDE_FIRST, True)]), projection)
-    for vertices in (zones[0].vertices, zones[1].vertices, named.vertices, ground.vertices,
-                     excluded.vertices, included):
-        assert np.array(vertices) == pytest.approx(np.array(corners), abs=1e-6)
-    assert zones[2].vertices[0] == pytest.approx(
-        MODELS[projection](ZURICH, (47.398, 8.557)), abs=1e-6)
-
-
-def test_altitudes_above_sea_level_are_those_above_the_stated_ground(tmp_path):
-    absolute = '<extrude>1</extrude><altitudeMode>absolute</altitudeMode>'
-    relative = absolute.replace('absolute', 'relativeToGround')
-    for inside, height, ceiling in (
-            (absolute, 468, 60.0), (relative, 60, 60.0), ('', 468, math.inf)):
-        (zone,), _ = read(tmp_path, 'a.kml', kml(inside, height=height), altitude=408.0)
-        assert (zone.floor, zone.ceiling) == (0.0, ceiling)
-    for inside, altitude, reason in (
-            (absolute, None, "'absolute'"), (absolute, 470, 'ceiling is -2'),
-            (absolute.replace('1', '0'), 408, "'absolute'.* extruded")):
-        with pytest.raises(MissionFileError, match=f'Rail yard.*{reason}'):
-            read(tmp_path, 'a.kml', kml(inside, height=468), altitude=altitude)
-    heights = {'name': 'CTR', 'floor_amsl': 400, 'ceiling_amsl': 468}  # From below the ground.
-    (zone,), _ = read(tmp_path, 'a.geojson', geojson(feature([SQUARE], **heights)), altitude=408.0)
-    assert (zone.floor, zone.ceiling) == (0.0, 60.0)
-    for change, altitude, reason in (
-            ({}, None, 'floor_amsl is 400; it must be .* the altitude of the ground'),
-            ({'ceiling_amsl': '1500 ft'}, 408.0, "ceiling_amsl is '1500 ft'"),
-            ({}, 470.0, 'ceiling is -2')):
-        with pytest.raises(MissionFileError, match=f'CTR.*{reason}'):
-            read(tmp_path, 'a.geojson', geojson(feature([SQUARE], **heights | change)),
-                 altitude=altitude)
-    # In a mission file, whose nodes take the zones alone.
-    data = yaml.safe_load(CITY.read_text()) | {'airspace': 'b.kml', 'origin': dict(
-        zip(('latitude', 'longitude', 'altitude'), (*ZURICH, 408)))}
-    (tmp_path / 'b.kml').write_text(kml(absolute, height=468))
-    (tmp_path / 'a.yaml').write_text(yaml.safe_dump(data))
-    scenario, values = Scenario.load(tmp_path / 'a.yaml'), load_mission(tmp_path / 'a.yaml')
-    assert scenario.origin.altitude == 408 and scenario.no_fly_zones[-1].ceiling == 60
-    assert values['Rail_yard.ceiling'] == 60 and 'origin.altitude' not in values
-
-
-@pytest.mark.parametrize('projection', MODELS)
-def test_a_polygon_for_a_circle_is_on_the_safe_side_of_it(tmp_path, projection):
-    centre, radius = (47.45, 8.65), 300.0
-    (zone,), fence = read(tmp_path, 'a.plan', qgc(
-        circles=[(centre, radius, False), (centre, radius, True)]), projection)
-    own = Origin(*centre, projection)
-    for vertices, safe in ((zone.vertices, 1), (fence, -1)):
-        # Edges in the frame of the circle itself, in which the autopilot measures its radius.
-        corners = np.stack(own.to_local(*Origin(*ZURICH, projection).to_geographic(
-            *np.array(vertices).T)), axis=1)
-        middles = (corners + np.roll(corners, -1, axis=0)) / 2
-        reach = np.linalg.norm(np.concatenate([corners, middles]), axis=1)
-        assert len(corners) == 32 and (safe * (reach - radius) > -1e-3).all()
-        assert np.abs(reach - radius).max() < 0.005 * radius
-
-
-def test_a_long_edge_is_straight_in_degrees(tmp_path):
-    ring = [[8.5, 47.4], [8.7, 47.4], [8.7, 47.45], [8.5, 47.45]]
-    (zone,), _ = read(tmp_path, 'a.geojson', geojson(feature([ring])))
-    origin = Origin(*ZURICH)
-    places = np.stack(origin.to_local(np.full(500, 47.4), np.linspace(8.5, 8.7, 500)), axis=1)
-    assert len(zone.vertices) < 40
-    assert np.abs(depth(zone.vertices, places)).max() < 0.11 < 1 < np.abs(depth(tuple(
-        zip(*map(np.ndarray.tolist, origin.to_local(*np.array(ring).T[::-1])))), places)).max()
-
-
-HOSTILE = {
-    'hole.geojson': (geojson(feature([SQUARE, SQUARE], name='Ring')), 'Ring: it has a hole'),
-    'sea.geojson': (geojson(feature([SQUARE], name='CTR', upper=900, upperReference='AMSL')),
-                    "CTR: it has 'upper', a height that may be above sea level"),
-    'height.geojson': (geojson(feature([[[*corner, 500] for corner in SQUARE]], name='Peak')),
-                       'Peak: a corner has the altitude 500 m, which is not above the ground'),
-    'times.geojson': (geojson(feature([SQUARE], name='Fair', limits={'startDateTime': '2026'})),
-                      "Fair: it has 'startDateTime', a time"),
-    'swapped.geojson': (geojson(feature([[corner[::-1] for corner in SQUARE]], name='Swap')),
-                        'Swap: a place is 5.* km from the origin'),
-    'point.geojson': (geojson(feature(SQUARE[0], 'Point', name='Dot')), "Dot: it is a 'Point'"),
-    'text.geojson': (geojson(feature([SQUARE], name='Text', ceiling='120 m')),
-                     "Text: Text.ceiling is '120 m'; it must be a number .*without its unit"),
-    'number.geojson': (geojson(feature([[['8', 47]] * 4])), 'feature 1: a corner is '),
-    'many.geojson': (geojson(*[feature([SQUARE])] * 1001), 'it has 1001 features'),
-    'deep.geojson': ('[' * 100_000, 'it has too many levels'),
-    'crossing.json': (json.dumps({'type': 'Polygon', 'coordinates': [
-        [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]]]}), 'feature 1: .*crosses'),
-    'empty.geojson': (geojson(), 'it has no area'),
-    'list.json': ('[1]', 'type is None'), 'null.geojson': (geojson(None), 'feature 1: geometry'),
-    'nan.geojson': (geojson(feature([[[math.nan, 1]] * 4])), 'feature 1: a corner is '),
-    'two.plan': (qgc([(LATITUDE_FIRST, True)] * 2), 'it has 2 areas to stay in'),
-    'radius.plan': (qgc(circles=[(ZURICH, -5, True)]), 'circle 1: radius is -5'),
-    'pole.plan': (qgc(circles=[((89.9, 0), 5, True)]), 'circle 1: origin.latitude is 89.9'),
-    'vague.plan': (qgc([(LATITUDE_FIRST, None)]), 'polygon 1: inclusion is None'),
-    'other.plan': ('{"fileType": "Plan"}', 'geoFence is None'),
-    'broken.plan': ('{', 'line 1'),
-    'bomb.kml': (kml('&a;', head='<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'),
-                 'it has a document type or entities'),
-    'file.kml': (kml(head='<!doctype b SYSTEM "file:///etc/passwd">'), 'document type'),
-    'unclosed.kml': ('<kml>', 'no element found'), 'link.kml': (
-        kml(outside='<NetworkLink><name>Live</name></NetworkLink>'), 'Live: it is in another'),
-    'sea.kml': (kml('<altitudeMode>absolute</altitudeMode>'), "Rail yard: .* 'absolute'"),
-    'air.kml': (kml('<altitudeMode>relativeToGround</altitudeMode>'), 'Rail yard: .*extruded'),
-    'hole.kml': (kml('<innerBoundaryIs/>'), 'Rail yard: it has a hole'),
-    'time.kml': (kml(outside='<name>Shows</name><TimeSpan/>'), 'Shows: it has a time of validity'),
-    'line.kml': (kml().replace('Polygon', 'LineString'), 'Rail yard: it is a LineString'),
-    'words.kml': (kml(height='high'), 'Rail yard: .*high'),
-    'zones.kmz': ('PK', 'its path must have the ending .geojson or .json'),
-}
-
-
-@pytest.mark.parametrize('name', HOSTILE)
-def test_a_file_that_cannot_be_kept_is_refused_in_one_line_with_its_feature(tmp_path, name):
-    text, reason = HOSTILE[name]
-    with pytest.raises(MissionFileError, match=reason) as error:
-        read(tmp_path, name, text)
-    assert str(error.value).startswith(f'{tmp_path / name}: ')
-    assert '\n' not in str(error.value) and len(str(error.value)) < 600
-
-
-def replaced(value, odd):
-    """Yield copies of nested values in each of which another part is odd."""
-    yield odd
-    for key, item in value.items() if isinstance(value, dict) else (
-            enumerate(value) if isinstance(value, list) else ()):
-        for other in replaced(item, odd):
-            copy = value.copy()
-            copy[key] = other
-            yield copy
-
-
-@pytest.mark.parametrize('name, text', [
-    ('a.geojson', geojson(feature([SQUARE], name='A', floor=1, ceiling=2))),
-    ('a.plan', qgc([(LATITUDE_FIRST, True)], [(ZURICH, 50.0, False)]))])
-def test_odd_values_anywhere_in_a_file_are_read_or_refused(tmp_path, name, text):
-    for odd in (None, True, -1, 1e300, math.nan, 10**400, 'x', '', [], {}, [[]], [[1, 2, 3]] * 4):
-        for data in replaced(json.loads(text), odd):
-            with suppress(MissionFileError):
-                read(tmp_path, name, json.dumps(data))
-
-
-def test_a_mission_takes_zones_and_fence_from_the_file_beside_it(tmp_path):
-    data = in_degrees(yaml.safe_load(CITY.read_text()), Origin(*ZURICH))
-    fence = [[place['latitude'], place['longitude']] for place in data.pop('geofence')]
-    data |= {'origin': dict(zip(('latitude', 'longitude'), ZURICH)), 'airspace': 'a/zones.plan'}
-    (tmp_path / 'a').mkdir()
-    zones, vertices = read(tmp_path / 'a', 'zones.plan', qgc(
-        [(fence, True), ([[*place] for place in LATITUDE_FIRST], False)]))
-    file = tmp_path / 'mission.yaml'
-    file.write_text(yaml.safe_dump(data))
-    scenario = Scenario.load(file)
-    assert scenario.zone_names == ('hospital', 'tower', 'stadium', 'polygon 2')
-    assert scenario.no_fly_zones[3:] == zones and scenario.geofence == vertices
-    for change, line, reason in (
-            ({'origin': None}, 'origin', 'origin is null; it must be a'),
-            ({'origin': {'latitude': 99}}, 'origin', 'origin lacks longitude'),
-            ({'airspace': 'no.kml'}, 'airspace', "'no.kml' cannot be read: No such file"),
-            ({'airspace': 3}, 'airspace', 'airspace is 3; it must be the path of a file'),
-            ({'geofence': [[-480, -420], [480, -420], [480, 420], [-480, 420]]}, 'geofence',
-             'in the mission and in its airspace')):
-        file.write_text(yaml.safe_dump({**data, **change, 'slots': -1}))
-        with pytest.raises(MissionFileError) as error:
-            Scenario.load(file)
-        text = file.read_text().splitlines()
-        problem, = [item for item in error.value.problems if reason in item[1]]
-        assert text[problem[0] - 1].startswith(line)
-        assert any('slots is -1' in item[1] for item in error.value.problems)
-
-
 def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
-    scenario = replace(Scenario.load(CITY), origin=Origin(*ZURICH, 'ardupilot'))
-    plan = city.plan_by_hand(scenario)
+    node, car = ((0, 1, 2), (126, 20, 0)), ((0, 200, 0, 10), (60, 210, 5, 20), (126, 200, 20, 5))
     with pytest.raises(OptionError, match='origin is None'):
         city.plan_by_hand(Scenario.load(CITY)).to_geojson(tmp_path / 'no.geojson')
+    scenario = Scenario.load(CITY)
+    scenario = replace(
+        scenario, origin=Origin(*ZURICH, 'ardupilot'), ground_node=None, ground_node_track=node,
+        eavesdroppers=(*scenario.eavesdroppers, Eavesdropper(name='car', track=car)))
+    plan = city.plan_by_hand(scenario)
     plan.to_geojson(tmp_path / 'plan.geojson')
     features = json.loads((tmp_path / 'plan.geojson').read_text())['features']
 
@@ -404,35 +175,21 @@ def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
         assert metres(item) == pytest.approx(
             plan.curve.at(np.array(properties['times'])).positions[row], abs=1e-6)
         assert properties['powers'][2:-2] == plan.powers[row].tolist()
-    for item, eve in zip(listed('eavesdropper'), scenario.eavesdroppers, strict=True):
+    for item, eve in zip(listed('eavesdropper'), scenario.eavesdroppers):
         assert np.linalg.norm(metres(item) - eve.position, axis=1) == pytest.approx(
             item['properties']['error_radius'], abs=1e-6)
-    assert metres(listed('ground_node')[0]) == pytest.approx(np.zeros((1, 2)), abs=1e-6)
-    assert not listed('track')
+    for item, name, track in zip(
+            listed('track'), ('ground_node', 'car'), (node, car), strict=True):
+        times, x, y, *radii = map(list, zip(*track))
+        assert item['geometry']['type'] == 'LineString' and item['properties']['name'] == name
+        assert item['properties']['times'] == times
+        assert item['properties']['radii'] == (radii[0] if radii else None)
+        assert metres(item) == pytest.approx(np.array([x, y]).T, abs=1e-6)
     # Zones come back as they were.
-    (tmp_path / 'zones.geojson').write_text(geojson(*listed('zone')))
+    (tmp_path / 'zones.geojson').write_text(json.dumps(
+        {'type': 'FeatureCollection', 'features': listed('zone')}))
     zones, _ = read_zones(tmp_path / 'zones.geojson', scenario.origin)
     for zone, expected in zip(zones, scenario.no_fly_zones, strict=True):
         assert replace(zone, vertices=expected.vertices) == expected
         assert np.abs(depth(zone.vertices, expected.vertices)).max() < 1e-6
     assert np.abs(depth(scenario.geofence, metres(*listed('geofence')))).max() < 1e-6
-
-
-def test_receivers_that_move_are_lines_of_their_knots_on_a_map(tmp_path):
-    node, car = ((0, 1, 2), (126, 20, 0)), ((0, 200, 0, 10), (60, 210, 5, 20), (126, 200, 20, 5))
-    scenario = replace(
-        Scenario.paper(120.0, slots=20), ground_node=None, ground_node_track=node,
-        eavesdroppers=(Eavesdropper((9.0, 9.0)), Eavesdropper(name='car', track=car)),
-        origin=Origin(*ZURICH))
-    fly_hover_fly(scenario).to_geojson(tmp_path / 'plan.geojson')
-    features = json.loads((tmp_path / 'plan.geojson').read_text())['features']
-    tracks = [item for item in features if item['properties']['kind'] == 'track']
-    assert [item['properties']['name'] for item in tracks] == ['ground_node', 'car']
-    for item, track in zip(tracks, (node, car), strict=True):
-        assert item['geometry']['type'] == 'LineString'
-        times, x, y, *radii = map(list, zip(*track))
-        assert item['properties']['times'] == times
-        assert item['properties']['radii'] == (radii[0] if radii else None)
-        longitudes, latitudes = zip(*item['geometry']['coordinates'])
-        assert np.array(scenario.origin.to_local(latitudes, longitudes)) == pytest.approx(
-            np.array([x, y]), abs=1e-6)

@@ -35,7 +35,7 @@ def imported(path):
                 yield found[0]
 
 
-def test_imports_run_one_way_and_rooms_are_few():
+def test_imports_run_one_way_and_methods_do_not_know_each_other():
     files = [path for path in sorted(PACKAGE.rglob('*.py'))
              if path.parent != PACKAGE or path.name not in ('__init__.py', '__main__.py')]
     order = rooms()
@@ -47,4 +47,10 @@ def test_imports_run_one_way_and_rooms_are_few():
             for path, targets in graph.items() for target in targets
             if target in graph and order.index(room_of(target)) > order.index(room_of(path))]
     assert back == BELOW
+    methods = [PACKAGE / 'optimize' / 'joint', PACKAGE / 'optimize' / 'alternating']
+    of_methods = {path: method for path in files for method in methods
+                  if path.is_relative_to(method) or path == method.with_suffix('.py')}
+    assert {*of_methods.values()} == {*methods}
+    assert not any(of_methods.get(target, method) != method
+                   for path, method in of_methods.items() for target in graph[path])
     TopologicalSorter(graph).prepare()  # It raises an error that shows a circle.

@@ -17,9 +17,7 @@ from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
-from strategies import random_powers, scenarios
-
-SEEDS = st.integers(0, 2**32 - 1)
+from strategies import random_powers, scenarios, SEEDS
 
 
 @st.composite

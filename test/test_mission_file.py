@@ -11,19 +11,34 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import (
-    Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Propulsion, Scenario, Uav)
+    Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario, Uav)
 from secure_uav_planner.errors import MissionFileError
 from secure_uav_planner.mission.fields import Number, Pair
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
-from strategies import scenarios
+from strategies import missions
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 ZONE = NoFlyZone(((150.0, 0.0), (160.0, 0.0), (150.0, 10.0)), 5.0, 120.0, 'tower')
-RICH = replace(Scenario.paper(), separation=5.0, tracking_margin=1.5, no_fly_zones=(
-    ZONE, NoFlyZone(((170.0, 0.0), (180.0, 0.0), (170.0, 10.0)))),
+RICH = Scenario(
+    ground_nodes=(
+        GroundNode((0.0, 0.0), 'barn', 2.0, trusted=False),
+        GroundNode(name='cart', track=((0.0, 5.0, 0.0), (60.0, 5.0, 5.0)))),
+    eavesdroppers=(
+        Eavesdropper((200.0, 0.0), 10.0, 'drone', 3.0),
+        Eavesdropper(track=((0.0, 200.0, -300.0, 10.0), (200.0, 200.0, 300.0, 20.0)))),
+    uavs=tuple(replace(
+        uav, average_power=0.5, peak_power=2.0, max_acceleration=2.5, max_energy=40e3,
+        start_velocity=(0.0, -1.0), goal_velocity=None,
+        propulsion=Propulsion(80.0, 90.0, 150.0, 5.0, 0.5, 1.2, 0.04, 0.5))
+        for uav in Scenario.paper().uavs),
+    duration=200.0, slots=100, reference_snr_db=70.0, separation=5.0, tracking_margin=1.5,
+    no_fly_zones=(ZONE, NoFlyZone(((170.0, 0.0), (180.0, 0.0), (170.0, 10.0)))),
     geofence=((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)),
-    channel=Channel(2.6, 'urban', True, 3.0, 0.1), colluding=True)
+    origin=Origin(47.3977, 8.5456, 'ardupilot', 408.0), colluding=True,
+    channel=Channel(2.6, (5.0, 0.2, 12.0), True, 3.0, 0.1), head_starts=(0.0, 70.0))
+"""A mission in which no field has its default."""
+SHORT = {'ground_node', 'ground_node_track'}  # For a single ground node.
 
 
 def write_file(folder, text, name='mission.yaml'):
@@ -66,20 +81,31 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp('missions')
 
 
-@given(scenarios(), st.sampled_from(['a.yaml', 'a.json', 'a.yml', 'a']))
+@given(missions(), st.sampled_from(['a.yaml', 'a.json', 'a.yml', 'a']))
 def test_a_mission_survives_its_file(folder, scenario, name):
     scenario.save(folder / name)
-    assert Scenario.load(folder / name) == scenario
+    again = Scenario.load(folder / name)
+    assert again == scenario and hash(again) == hash(scenario)
 
 
 @pytest.mark.parametrize('name', ['a.yaml', 'a.json'])
 def test_all_fields_survive_a_file(tmp_path, name):
+    for members in ((RICH,), RICH.ground_nodes, RICH.eavesdroppers, RICH.uavs,
+                    (RICH.uavs[0].propulsion,), RICH.no_fly_zones, (RICH.channel,),
+                    (RICH.origin,)):
+        for field in fields(members[0]):
+            assert field.name in SHORT or {
+                getattr(member, field.name) for member in members} - {field.default}, field.name
     RICH.save(tmp_path / name)
     assert Scenario.load(tmp_path / name) == RICH
     for word in ('yes', '1e3', 'null', '01', '1:30', '<<', '~', "o'neill", 'ü: "x" #', ' a '):
         odd = replace(RICH, uavs=(replace(RICH.uavs[0], name=word), RICH.uavs[1]))
         odd.save(tmp_path / name)
         assert Scenario.load(tmp_path / name) == odd
+
+
+def test_what_has_its_default_is_not_in_a_file():
+    assert not {'channel', 'colluding', 'ground_nodes', 'origin'} & {*Scenario.paper().to_dict()}
 
 
 def test_a_saved_mission_is_plain_yaml(tmp_path):

@@ -1,21 +1,25 @@
 import copy
 from dataclasses import replace
 import json
+import math
 import os
 import pathlib
 import pickle
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner import Bound, Eavesdropper, fly_hover_fly, Plan, Scenario, solve
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.splice import cut_tail
 from strategies import scenarios
+from test_mission_file import RICH
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
+BOUND = {'rate': 9.0, 'objective': 'worst_case', 'ignored': [], 'solve_time': 0.5,
+         'status': 'converged'}
 
 
 @pytest.fixture
@@ -65,12 +69,17 @@ def test_a_plan_that_carries_nothing_says_why(changes, reason):
 
 
 @given(scenario=scenarios())
+@example(RICH)
 def test_a_plan_survives_its_file(tmp_path_factory, scenario):
     path = tmp_path_factory.mktemp('plans') / 'plan.json'
     plan = replace(fly_hover_fly(scenario), start_ns=1795246192039494728)
+    plan = plan.with_bound(Bound(scenario, math.inf, plan.objective))
     plan.save(path)
+    assert 'Infinity' not in path.read_text()
     again = Plan.load(path)
-    assert again == plan and again.guaranteed_rate == plan.guaranteed_rate
+    assert again == plan and hash(again) == hash(plan)
+    assert again.guaranteed_rate == plan.guaranteed_rate
+    assert again.energies == plan.energies
     assert json.loads(path.read_text())['worst_case_rate'] == plan.worst_case_rate
 
 
@@ -111,6 +120,9 @@ def test_a_missing_field_of_an_older_file_takes_its_default(tmp_path):
     ({'history': [{'number': 'one'}]}, r'history\[0\] lacks'),
     ({'scenario': None}, 'mission is null'),
     ({'positions': None}, 'positions'), ({'version': True}, 'its version is true'),
+    ({'bound': []}, 'bound'), *(({'bound': {**BOUND, **wrong}}, word) for wrong, word in (
+        ({'more': 1}, 'more'), ({'status': None}, 'status'), ({'rate': math.nan}, 'rate'),
+        ({'ignored': [5]}, 'ignored'), ({'solve_time': -1}, 'solve_time'))),
     ({'version': 99, 'wind': 'west'}, 'version 99, which a newer secure_uav_planner wrote')])
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     path = tmp_path / 'wrong.json'
@@ -207,6 +219,9 @@ def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, da
     assert tail.times[-1] == pytest.approx(plan.times[-1] - plan.times[point])
     assert tail.start_ns - plan.start_ns == pytest.approx(plan.times[point] * 1e9, abs=1)
     assert tail.guaranteed_rates == pytest.approx(plan.guaranteed_rates[point:])
+    times = np.linspace(plan.times[point], plan.curve.end, 200)
+    assert tail.curve.at(times - plan.times[point]).positions == pytest.approx(
+        plan.curve.at(times).positions, abs=1e-6)
     for uav, before, power in zip(tail.scenario.uavs, scenario.uavs, plan.powers):
         spent = power[:point].sum() + uav.average_power * tail.scenario.slots
         assert spent <= before.average_power * scenario.slots * (1 + 1e-9)

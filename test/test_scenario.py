@@ -13,16 +13,6 @@ from secure_uav_planner import (
 from secure_uav_planner.errors import ScenarioError
 
 
-def test_paper_scenario_is_section_iv():
-    scenario = Scenario.paper(duration=104.0, error_radius=5.0)
-    assert scenario.slots == 104
-    assert scenario.slot_duration == 1.0
-    assert scenario.max_step.tolist() == [10.0, 10.0]
-    assert scenario.reference_snr == pytest.approx(1e8)
-    assert scenario.eavesdroppers == (Eavesdropper((200.0, 0.0), 5.0),)
-    assert [uav.altitude for uav in scenario.uavs] == [100.0, 110.0]
-
-
 @given(st.integers(1, 500), st.floats(1, 50))
 def test_the_shortest_duration_of_the_error_is_feasible_and_a_shorter_one_is_not(slots, speed):
     uav = Uav('slow', (0.0, 0.0), (300.0, 400.0), 50.0, speed)

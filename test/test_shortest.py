@@ -3,11 +3,11 @@
 from dataclasses import replace
 import math
 
+from benchmarks.missions import random_mission
 from nav_msgs.msg import Path
-import numpy as np
 import pytest
 from ros_client import seconds, wait_for
-from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve, Uav
+from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
@@ -28,31 +28,22 @@ def test_the_paper_s_flights_are_the_shortest_which_is_proven(radius, bits, shor
                             f'{math.floor(10 * duration - 10) / 10:.1f} s does, which is proven')
 
 
-def make_mission(seed):
-    """Return a random mission of one or two UAVs, some with a limit of acceleration."""
-    rng = np.random.default_rng(seed)
-    uavs = [Uav(f'uav{index}', tuple(rng.uniform(-400, 400, 2)), tuple(rng.uniform(-400, 400, 2)),
-                rng.uniform(60, 120) + 10 * index, 12.0,
-                max_acceleration=2.0 if seed % 2 else None) for index in range(1 + seed % 3)]
-    return Scenario(
-        (0.0, 0.0), (Eavesdropper(tuple(rng.uniform(-300, 300, 2)), rng.uniform(0, 30)),),
-        tuple(uavs), 150.0, 75)
-
-
 @pytest.mark.parametrize('seed', range(4))
 def test_a_flight_that_is_found_suffices_and_solve_finds_none_that_is_shorter(seed):
-    scenario = make_mission(seed)
+    scenario = with_uavs(random_mission(seed, 75, jammers=seed % 3),
+                         max_acceleration=2.0 if seed % 2 else None)
     bits = 0.8 * solve(scenario).rate * scenario.duration
     plan = shortest_duration(scenario, bits)
     duration = plan.scenario.duration
     assert plan.worst_case_rate * duration >= bits and duration <= scenario.duration
-    shorter = replace(scenario, duration=0.98 * duration, slots=round(0.98 * duration / 2))
+    shorter, longer = (replace(
+        scenario, duration=share * duration, slots=round(share * plan.scenario.slots))
+        for share in (0.98, 4.0))
     try:
         assert solve(shorter).rate * shorter.duration < bits
     except InfeasibleMissionError:
         pass
     # From another duration, it is the same.
-    longer = replace(scenario, duration=4.0 * duration, slots=round(2.0 * duration))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr('secure_uav_planner.bound.shortest.upper_bound', lambda *_, **__: bits)
         patch.setattr('secure_uav_planner.bound.shortest.explain_refusal', lambda _: 'not now')

@@ -9,9 +9,8 @@ import numpy as np
 from processes import environment
 import pytest
 from scipy.io import loadmat
-import secure_uav_planner
 from secure_uav_planner import (
-    Bound, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, upper_bound)
+    __version__, Bound, Eavesdropper, fly_hover_fly, GroundNode, Scenario, solve, upper_bound)
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.output.tables import COLUMNS
 from secure_uav_planner.plan.playback import Playback
@@ -73,6 +72,13 @@ def test_tables_and_mat_files_have_the_disc_of_a_receiver_that_moves(tmp_path):
         plan.save_mat(tmp_path / 'missing' / 'plan.mat')
 
 
+def test_the_dataframe_has_the_shares_of_each_ground_node(plan):
+    nodes = tuple(GroundNode((0, y), name) for name, y in (('barn', 150), ('well', -150)))
+    flight = fly_hover_fly(replace(plan.scenario, ground_node=None, ground_nodes=nodes))
+    rows = flight.to_dataframe().query('uav == "uav1"')
+    assert (rows[['barn.share', 'well.share']].to_numpy().T[:, 1:-1] == flight.shares).all()
+
+
 def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
     pytest.importorskip('pandas')
     for scenario in (plan.scenario, with_uavs(plan.scenario, max_acceleration=2.0)):
@@ -105,7 +111,7 @@ def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
 
 
 def test_the_version_is_that_of_the_installed_package(packaging):
-    assert secure_uav_planner.__version__ == packaging['version']
+    assert __version__ == packaging['version']
 
 
 def test_a_repr_is_short_and_has_the_rate_that_was_maximised():
@@ -122,14 +128,9 @@ def test_a_repr_is_short_and_has_the_rate_that_was_maximised():
     assert f'UAVs at least {nearest.distance:.4g} m apart (uav1 and uav2' in repr(plan.clearance)
 
 
-def test_a_plan_is_equal_to_what_its_file_holds_and_to_no_other(tmp_path):
+def test_a_plan_is_equal_to_no_other():
     plan = replace(solve(Scenario.paper(120.0, slots=12)), start_ns=5)
     plan = plan.with_bound(Bound(plan.scenario, np.inf, plan.objective))
-    plan.save(tmp_path / 'plan.json')
-    assert 'Infinity' not in (tmp_path / 'plan.json').read_text()
-    again = Plan.load(tmp_path / 'plan.json')
-    assert again.objective == plan.objective == 'worst_case'
-    assert again == plan and hash(again) == hash(plan) and len({again, plan}) == 1
     for change in ({'start_ns': 6}, {'method': 'other'}, {'bound': None}, {'history': ()},
                    {'powers': 0.5 * plan.powers}, {'solve_time': 0.0}):
         assert replace(plan, **change) != plan

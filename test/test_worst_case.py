@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 import numpy as np
 import oracle
 import pytest
-from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.channel import rates, worst_case
+from secure_uav_planner.model.channel.links import make_link
 from secure_uav_planner.model.kernel import core
-from strategies import missions, random_powers, random_sectors
+from strategies import channels, missions, random_powers, random_sectors, SEEDS
 
-SEEDS = st.integers(0, 2**32 - 1)
 # Mean worst-case rate of the joint plans for the paper's scenario: duration and rate.
 PAPER = [(102, 1.458634), (120, 2.049430), (200, 3.055482)]
 
@@ -154,26 +154,34 @@ def bound_sectors(discs, **sectors):
     return bound, value
 
 
-@given(SEEDS, st.integers(1, 4), st.floats(-4, 4), st.sampled_from([0.0, 1e-3, 100.0]))
-def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, spread):
+@given(st.one_of(st.just(Channel()), channels()), SEEDS, st.integers(1, 4), st.floats(-2, 3),
+       st.sampled_from([0.0, 1e-3, 100.0]))
+def test_no_place_of_a_sector_is_below_its_bound(model, seed, uavs, decades, spread):
     rng = np.random.default_rng(seed)
-    count = 50
+    count, altitudes = 50, rng.choice([50.0, 100.0, 120.0], uavs)
     radius = np.full(count, 10**decades)
     x, y = rng.normal(0, spread, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
-    discs = {'x': x, 'y': y, 'squared_altitudes': rng.choice([0.5, 1.0, 1.2], (uavs, 1))**2,
-             'noise': 10**rng.uniform(-9, 3, count), 'radius': radius,
+    discs = {'x': x, 'y': y, 'squared_altitudes': altitudes[:, None]**2,
+             'noise': 10**rng.uniform(-20, 3, count), 'radius': radius,
              'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
+    model = Channel() if model.is_inverse_square else model
+    scenario = replace(Scenario.paper(), reference_snr_db=0.0, channel=model, uavs=tuple(
+        Uav(f'uav{number}', (0.0, 0.0), (0.0, 0.0), altitude, 10.0)
+        for number, altitude in enumerate(altitudes.tolist())))
+    if not model.is_inverse_square:
+        discs['channel'] = make_link(scenario, 'eavesdropper', axes=0).compiled(1, uavs)
     inner, outer, middle, half = random_sectors(rng, radius)
     zero, whole = np.zeros(count), np.full(count, np.pi)
     for begin, centre, angles in ((zero, zero, whole), (inner, middle, half)):
         bound, value = bound_sectors(discs, inner=begin, outer=outer, middle=centre, half=angles)
         assert (bound <= value).all()
-        for _ in range(100):
+        for _ in range(20):
             distance = begin + (outer - begin) * rng.choice([0.0, 1.0, rng.random()], count)
             angle = centre + angles * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
-            inverse_sinr = oracle.inverse_sinr(
-                discs, distance * np.cos(angle), distance * np.sin(angle))
-            assert (inverse_sinr >= bound * (1 - 1e-13)).all()
+            squared = (distance * np.cos(angle) - x)**2 + (distance * np.sin(angle) - y)**2
+            gains = oracle.snr(scenario, squared.T, False).T
+            inverse_sinr = (discs['noise'] + (discs['jamming'] * gains[1:]).sum(axis=0)) / gains[0]
+            assert (inverse_sinr >= bound * (1 - 1e-11)).all()
 
 
 def test_bounds_approach_the_least_value_with_the_square_of_the_size():
