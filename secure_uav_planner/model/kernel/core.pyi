@@ -73,6 +73,10 @@ class Limit:
             `curvature` of -sum log c along the step; whether lines limit moves, `limits_moves`.
         """
 
+class EnergyCost:
+    def __init__(self, moves: Vectors, weights: Array, terms: Array) -> None:
+        """Make it from moves and weights, (U, S), and the numbers of PowerTerms, (U, 4)."""
+
 class LineLimit(Limit):
     """
     A limit c = normal . p - offset of control points p (M, G, K), of which some are ignored.
@@ -109,8 +113,7 @@ class InteriorPointSolver:
             the guarantee adds to distances, (N, K), the list of `listeners`, and `places`, None
             for (P2), or with `followed`, whether they move along with the UAVs, (N, E P), their
             `offsets` from the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`,
-            None without a price, or with `terms` of PowerTerms (U, 4) and `end_moves` as those of
-            a NormLimit, NaN where free (2, U, 2).
+            an EnergyCost, or None.
         :param x: powers and positions, (S, N, U, 3).
         :param shares: filled with shares of the slots for the ground nodes, (S, N, G).
         :param mu: barrier parameters in units of rates, (S,).

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "limit.hpp"
+#include "vectors.hpp"
 
 namespace kernel {
 
@@ -34,95 +34,54 @@ struct PowerTerms {
 
 class EnergyCost {
 public:
-    // `end_moves` (2, U, 2) before the start and after the goal are NaN where they are free.
-    EnergyCost(std::size_t slots, std::vector<PowerTerms> terms, Reals end_moves)
-        : slots_(slots), terms_(std::move(terms)), end_moves_(std::move(end_moves)) {}
+    // Of every UAV as many moves, (U, S), with their weights, (U, S), and its terms, (U).
+    EnergyCost(Vectors moves, Reals weights, std::vector<PowerTerms> terms)
+        : moves_(std::move(moves)), weights_(std::move(weights)), terms_(std::move(terms)) {}
+
+    const Vectors& moves() const { return moves_; }
 
     // But for a constant.
     double find_value(const double* path) const {
         double sum = 0.0;
-        for (std::size_t u = 0; u < terms_.size(); ++u)
-            visit(path, u, [&](const Sample& at, Point move) {
-                sum += at.weight * terms_[u].value(dot(move, move));
-            });
+        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
+            sum += weights_[i] * terms.value(dot(move, move));
+        });
         return sum;
     }
 
     void add_gradient(const double* path, double* gradient) const {
-        for (std::size_t u = 0; u < terms_.size(); ++u)
-            visit(path, u, [&](const Sample& at, Point move) {
-                const double slope =
-                    2.0 * at.weight * at.scale * terms_[u].first(dot(move, move));
-                for (const bool last : {false, true}) {
-                    const std::size_t point = last ? at.to : at.from;
-                    if (point == 0 || point == slots_ + 1) continue;
-                    double* entry = gradient + variable(point, u);
-                    entry[0] += (last ? slope : -slope) * move.x;
-                    entry[1] += (last ? slope : -slope) * move.y;
-                }
-            });
+        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
+            const double slope = 2.0 * weights_[i] * terms.first(dot(move, move));
+            moves_.add_gradient(i, slope * move, gradient);
+        });
     }
 
     // Add the convex part of the Hessian.
     void add_curvature(const double* path, const Band& band) const {
-        for (std::size_t u = 0; u < terms_.size(); ++u)
-            visit(path, u, [&](const Sample& at, Point move) {
-                const double s = dot(move, move), factor = at.weight * at.scale * at.scale;
-                const double across = std::max(0.0, 2.0 * terms_[u].first(s));
-                const double along =
-                    std::max(0.0, 2.0 * terms_[u].first(s) + 4.0 * terms_[u].second(s));
-                const double excess = s > 0.0 ? factor * (along - across) / s : 0.0;
-                const double xx = factor * across + excess * move.x * move.x;
-                const double xy = excess * move.x * move.y;
-                const double yy = factor * across + excess * move.y * move.y;
-                const bool varies = at.from > 0, also = at.to < slots_ + 1;
-                if (varies) band.add(variable(at.from, u), variable(at.from, u), xx, xy, yy);
-                if (also) band.add(variable(at.to, u), variable(at.to, u), xx, xy, yy);
-                if (varies && also)
-                    band.add(variable(at.to, u), variable(at.from, u), -xx, -xy, -yy);
-            });
+        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
+            const double s = dot(move, move), weight = weights_[i];
+            const double across = std::max(0.0, 2.0 * terms.first(s));
+            const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.second(s));
+            const double excess = s > 0.0 ? weight * (along - across) / s : 0.0;
+            moves_.add_curvature(i, weight * across + excess * move.x * move.x,
+                                 excess * move.x * move.y,
+                                 weight * across + excess * move.y * move.y, band);
+        });
     }
 
 private:
-    // A move scale (q[to] - q[from]) + offset, which counts with a weight.
-    struct Sample {
-        std::size_t from, to;
-        double scale, weight;
-        Point offset;
-    };
-
-    std::ptrdiff_t variable(std::size_t point, std::size_t u) const {
-        return 3 * (std::ptrdiff_t(point - 1) * terms_.size() + u) + 1;
-    }
-
-    // Call a function with the samples of a UAV and their moves: slots begin and end with moves
-    // of the path, and in their middle have the mean of both.
+    // Call a function with every move and the terms of its UAV.
     template <typename Function>
-    void visit(const double* path, std::size_t u, Function function) const {
-        const std::size_t U = terms_.size();
-        const auto call = [&](const Sample& at) {
-            const double* from = path + 2 * (at.from * U + u);
-            const double* to = path + 2 * (at.to * U + u);
-            function(at, Point{at.scale * (to[0] - from[0]) + at.offset.x,
-                               at.scale * (to[1] - from[1]) + at.offset.y});
-        };
-        for (std::size_t n = 0; n <= slots_; ++n)
-            call({n, n + 1, 1.0, 1.0 / 3.0, {0.0, 0.0}});
-        for (std::size_t n = 1; n <= slots_; ++n)
-            call({n - 1, n + 1, 0.5, 2.0 / 3.0, {0.0, 0.0}});
-        for (const bool last : {false, true}) {
-            const std::size_t from = last ? slots_ : 0;
-            const double* given = &end_moves_[2 * (last * U + u)];
-            if (std::isnan(given[0]))
-                call({from, from + 1, 1.0, 5.0 / 6.0, {0.0, 0.0}});
-            else
-                call({from, from + 1, 0.5, 2.0 / 3.0, {0.5 * given[0], 0.5 * given[1]}});
-        }
+    void visit(const double* path, Function function) const {
+        std::vector<Point> moves;
+        moves_.find(path, false, moves);
+        for (std::size_t i = 0; i < moves.size(); ++i)
+            function(i, moves[i], terms_[i * terms_.size() / moves.size()]);
     }
 
-    const std::size_t slots_;
+    const Vectors moves_;
+    const Reals weights_;
     const std::vector<PowerTerms> terms_;
-    const Reals end_moves_;
 };
 
 }  // namespace kernel

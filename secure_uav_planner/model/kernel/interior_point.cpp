@@ -50,17 +50,6 @@ kernel::Places make_places(const BarrierProblem& problem, const py::dict& args) 
             copy_reals(args, "radii", problem.slots * count)};
 }
 
-std::shared_ptr<kernel::EnergyCost> make_energy(const BarrierProblem& problem,
-                                                const py::dict& args) {
-    const std::size_t uavs = problem.uavs;
-    const Reals numbers = copy_reals(args, "terms", 4 * uavs);
-    std::vector<kernel::PowerTerms> terms;
-    for (std::size_t i = 0; i < numbers.size(); i += 4)
-        terms.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3]});
-    return std::make_shared<kernel::EnergyCost>(
-        problem.slots, terms, copy_reals(args, "end_moves", 4 * uavs));
-}
-
 BarrierProblem make_problem(const py::dict& args) {
     BarrierProblem problem;
     problem.slots = args["slots"].cast<std::size_t>();
@@ -81,8 +70,8 @@ BarrierProblem make_problem(const py::dict& args) {
     problem.colluding = args["colluding"].cast<bool>();
     problem.rate_unit = args["rate_unit"].cast<double>();
     expect(problem.rate_unit > 0.0, "rate_unit");
-    if (!args["energy"].is_none())
-        problem.energy = make_energy(problem, args["energy"].cast<py::dict>());
+    problem.energy = args["energy"].cast<std::shared_ptr<kernel::EnergyCost>>();
+    expect(!problem.energy || problem.energy->moves().fits(problem.slots, uavs), "energy");
     if (!args["places"].is_none())
         problem.places = make_places(problem, args["places"].cast<py::dict>());
     return problem;

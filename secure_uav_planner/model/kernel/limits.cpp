@@ -1,4 +1,4 @@
-// The limits that Python makes; limits/motion.py and limits/lines.py have their other half.
+// The limits, and the cost of energy, that Python makes; model/limits has their other half.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "array.hpp"
+#include "energy.hpp"
 #include "lines.hpp"
 
 namespace py = pybind11;
@@ -13,6 +14,7 @@ using kernel::Array;
 using kernel::copy_flags;
 using kernel::copy_reals;
 using kernel::count_entries;
+using kernel::EnergyCost;
 using kernel::expect;
 using kernel::FenceLimit;
 using kernel::Limit;
@@ -61,6 +63,19 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
     return std::make_shared<Limit>(
         vectors, copy_flags(ignored, "ignored", vectors.count()),
         copy_reals(squares, "squares", vectors.count()));
+}
+
+// The weights are (U, S), as the moves, and the terms (U, 4).
+std::shared_ptr<EnergyCost> make_energy_cost(const Vectors& moves, const py::buffer& weights,
+                                             const py::buffer& terms) {
+    const std::size_t uavs = count_entries(terms) / 4;
+    expect(uavs >= 1 && moves.fits(moves.slots(), uavs) && moves.count() % uavs == 0, "terms");
+    const Reals numbers = copy_reals(terms, "terms", 4 * uavs);
+    std::vector<kernel::PowerTerms> powers;
+    for (std::size_t i = 0; i < numbers.size(); i += 4)
+        powers.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3]});
+    return std::make_shared<EnergyCost>(moves, copy_reals(weights, "weights", moves.count()),
+                                        std::move(powers));
 }
 
 // The flags are (M, G, K).
@@ -170,6 +185,8 @@ void add_limits(py::module_& module) {
     py::class_<Limit, std::shared_ptr<Limit>>(module, "Limit")
         .def(py::init(&make_limit), arg("vectors"), arg("ignored"), arg("squares"))
         .def("evaluate", &evaluate_limit);
+    py::class_<EnergyCost, std::shared_ptr<EnergyCost>>(module, "EnergyCost")
+        .def(py::init(&make_energy_cost), arg("moves"), arg("weights"), arg("terms"));
     py::class_<LineLimit, Limit, std::shared_ptr<LineLimit>>(module, "LineLimit")
         .def("choose_lines", &choose_lines);
     py::class_<ZoneLimit, LineLimit, std::shared_ptr<ZoneLimit>>(module, "ZoneLimit")

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import Limit
+from .base import compile_vectors, Limit
 from ..airspace import Airspace
 from ..curve import add_end_moves, integrate_powers
 from ..grid import Grid
+from ..kernel import core
 from ...errors import PlanError
 from ...mission.fields import find_range
 from ...mission.scenario import Array, Scenario, Uav
@@ -69,9 +70,11 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         for uav, energy in zip(scenario.uavs, energies.tolist(), strict=True))
 
 
-def price_energies(grid: Grid, prices: Array) -> dict[str, Array]:
+def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
     """
-    Return the arguments of the kernel's EnergyCost.
+    Return the kernel's form of the energy at a price, by Simpson's rule in each slot.
+
+    Slots begin and end with moves of the path, and in their middle have the mean of both.
 
     :param prices: in nats per J, (U,); 0 for a UAV without a propulsion.
     """
@@ -84,5 +87,19 @@ def price_energies(grid: Grid, prices: Array) -> dict[str, Array]:
                 3 * wing.blade_power * unit / wing.tip_speed**2, wing.induced_power, 0.0,
                 wing.drag * unit**1.5])
             terms[index, 2] = unit / (2 * wing.induced_velocity**2)
-    return {'terms': terms,
-            'end_moves': grid.scenario.end_velocities * grid.slot_duration / grid.length}
+    uavs, slots = len(prices), grid.slots
+    # The points between which each of S moves is, the share of it that counts, and its weight:
+    # those of the path, those in the middle of slots, and the first and the last half move.
+    begin = np.concatenate([np.arange(slots + 1), np.arange(slots), [0, slots]])
+    end = np.concatenate([np.arange(1, slots + 2), np.arange(2, slots + 2), [1, slots + 1]])
+    share = np.tile(np.repeat([1.0, 0.5], [slots + 1, slots + 2]), (uavs, 1))
+    weights = np.tile(np.repeat([1 / 3, 2 / 3], [slots + 1, slots + 2]), (uavs, 1))
+    constants = np.zeros((*share.shape, 2))
+    given = (grid.scenario.end_velocities * grid.slot_duration / grid.length).swapaxes(0, 1)
+    constants[:, -2:] = 0.5 * np.nan_to_num(given)
+    free = np.isnan(given[..., 0])
+    share[:, -2:][free], weights[:, -2:][free] = 1.0, 5 / 6
+    points = np.stack([begin, end], axis=-1) * uavs + np.arange(uavs)[:, None, None]
+    moves = compile_vectors(
+        grid, points, share[..., None] * [-1.0, 1.0], constants, differences=True)
+    return core.EnergyCost(moves, weights, terms)

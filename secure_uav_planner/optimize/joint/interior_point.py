@@ -230,7 +230,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'rate_unit': grid.rate, 'listeners': list(receivers.listeners),
-        'energy': None if prices is None else _to_kernel(**price_energies(grid, prices)),
+        'energy': None if prices is None else price_energies(grid, prices),
         'limits': [limit for limit in limits if limit is not None],
         'gains': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),
