@@ -62,7 +62,18 @@ def evaluate_limits(scenario, seed, size):
         if limit.compiled is not None:
             lines = limit.choose_lines(path) if isinstance(limit, LineLimit) else None
             yield (lambda by: oracle.slacks(limit, path + by * moves, lines).ravel(),
-                   limit.compiled.evaluate(path, moves))
+                   differentiate_along(moves, limit.compiled.evaluate(path, moves)))
+
+
+def differentiate_along(moves, answers):
+    """Return the kernel's answers with the derivatives of -sum log c along moves."""
+    x = np.pad(moves[1:-1], ((0, 0), (0, 0), (1, 0))).ravel()
+    height = answers['height']
+    band = np.reshape(answers['band'], (-1, height))[:len(x)]
+    ahead = np.append(x, np.zeros(height))
+    products = [band[:, down] @ (x * ahead[down:down + len(x)]) for down in range(height)]
+    return answers | {'slope': x @ answers['gradient'],
+                      'curvature': 2 * sum(products) - products[0]}
 
 
 @settings(max_examples=40)

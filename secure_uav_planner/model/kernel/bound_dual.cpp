@@ -42,15 +42,22 @@ public:
     // Evaluate all columns, and call `visit` for every group with the index of its best column.
     template <typename Visit>
     void evaluate(const Visit& visit) {
-        potential_.resize(columns_);
         values_.resize(columns_);
         for (std::size_t g = 0; g < groups_; ++g) {
             // The lengths of linear potentials are the same at all columns.
             const double length = quadratic_ ? 0.0 : sum_lengths(g, 0, nullptr);
-            for (std::size_t c = 0; c < columns_; ++c)
-                potential_[c] =
-                    find_change(g, c) + (quadratic_ ? sum_lengths(g, c, nullptr) : length);
-            visit(g, evaluate_group(g));
+            std::size_t best = 0;
+            for (std::size_t c = 0; c < columns_; ++c) {
+                const std::size_t column = g * columns_ + c;
+                double value =
+                    find_change(g, c) + (quadratic_ ? sum_lengths(g, c, nullptr) : length)
+                    + weights_[g] * ground_[column];
+                for (std::size_t i = 0; i < eavesdroppers_; ++i)
+                    value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
+                values_[c] = value;
+                if (value > values_[best]) best = c;
+            }
+            visit(g, best);
         }
     }
 
@@ -173,21 +180,6 @@ private:
         }
     }
 
-    // Find the values of a group's columns; return the index of the best.
-    std::size_t evaluate_group(std::size_t g) {
-        const std::size_t e = eavesdroppers_;
-        std::size_t best = 0;
-        for (std::size_t c = 0; c < columns_; ++c) {
-            const std::size_t column = g * columns_ + c;
-            double value = potential_[c] + weights_[g] * ground_[column];
-            for (std::size_t i = 0; i < e; ++i)
-                value += v_[g * e + i] * leaks_[column * e + i];
-            values_[c] = value;
-            if (value > values_[best]) best = c;
-        }
-        return best;
-    }
-
     // Add the first derivatives of the lengths to row_ and the second to a Hessian.
     void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
         Length own[2];
@@ -228,7 +220,7 @@ private:
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
         weights_, v_;
     std::size_t features_;
-    std::vector<double> potential_, values_, row_;
+    std::vector<double> values_, row_;
 };
 
 void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buffer& slope,

@@ -69,8 +69,9 @@ class Limit:
 
         :param path: points with start and goal, (M, U, 2).
         :param moves: of the points along a step, (M, U, 2).
-        :return: `slacks` c and their `slopes` along the step; step `lengths`, (U,); `slope` and
-            `curvature` of -sum log c along the step; whether lines limit moves, `limits_moves`.
+        :return: `slacks` c and their `slopes` along the step; step `lengths`, (U,); the `gradient`
+            of -sum log c, (N, U, 3), and its Hessian's `band` by columns, each from the diagonal
+            down, of this `height`; whether lines limit moves, `limits_moves`.
         """
 
 class EnergyCost:

@@ -154,23 +154,13 @@ py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::bu
     const int height = limit.vectors().bandwidth() + 1;
     Reals band((size + height) * height);
     limit.add_curvature(slacks, duals, {band.data(), height});
-    double slope = 0.0, curvature = 0.0;
-    Reals x(size + height);
-    for (std::size_t i = 0; i < slots * uavs; ++i)
-        for (int axis = 0; axis < 2; ++axis)
-            x[3 * i + 1 + axis] = move[2 * (i + uavs) + axis];
-    for (std::size_t column = 0; column < size; ++column) {
-        slope += gradient[column] * x[column];
-        for (int down = 0; down < height; ++down)
-            curvature += (down ? 2.0 : 1.0) * band[column * height + down] * x[column]
-                * x[column + down];
-    }
     py::dict answer;
     answer["slacks"] = slacks.values;
     answer["slopes"] = slopes.values;
     answer["lengths"] = lengths;
-    answer["slope"] = slope;
-    answer["curvature"] = curvature;
+    answer["gradient"] = gradient;
+    answer["band"] = band;
+    answer["height"] = height;
     answer["limits_moves"] = !lines.max_moves.empty();
     return answer;
 }

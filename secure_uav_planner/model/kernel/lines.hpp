@@ -53,17 +53,16 @@ protected:
     const int controls_;
 };
 
-// The largest and the smallest projection of points on a direction.
+// The largest projection of points on a direction.
 inline double max_projection(const Point* points, int count, Point direction) {
     double most = dot(points[0], direction);
     for (int i = 1; i < count; ++i) most = std::max(most, dot(points[i], direction));
     return most;
 }
 
-inline double min_projection(const Point* points, int count, Point direction) {
-    double least = dot(points[0], direction);
-    for (int i = 1; i < count; ++i) least = std::min(least, dot(points[i], direction));
-    return least;
+// How far points are beyond a line.
+inline double find_clearance(const Point* points, int count, const Line& line) {
+    return -max_projection(points, count, -1.0 * line.normal) - line.offset;
 }
 
 inline Point mean_point(const Point* points, int count) {
@@ -195,10 +194,10 @@ private:
         Line line;
         line.normal = {way.x / length, way.y / length};
         line.offset = max_projection(vertices, vertices_, line.normal);
-        clearance = min_projection(piece, controls_, line.normal) - line.offset;
+        clearance = find_clearance(piece, controls_, line);
         if (!(clearance < near)) return line;
         line = separate(piece, vertices);
-        clearance = min_projection(piece, controls_, line.normal) - line.offset;
+        clearance = find_clearance(piece, controls_, line);
         return line;
     }
 
@@ -225,7 +224,7 @@ private:
         const double inverse = 1.0 / std::sqrt(std::max(least, TINY));
         line.normal = inverse * nearest;
         line.offset = max_projection(polygon, vertices_, line.normal);
-        if (min_projection(piece, count, line.normal) - line.offset > TOUCHING) return line;
+        if (find_clearance(piece, count, line) > TOUCHING) return line;
         return minimise_shift(piece, polygon);
     }
 
@@ -235,13 +234,13 @@ private:
         double most = -INFINITE;
         const auto compare = [&](Point along) {
             const double length = std::sqrt(dot(along, along));
-            const double inverse = 1.0 / std::max(length, TINY);
-            const Point normal{along.y * inverse, -along.x * inverse};
-            const double offset = max_projection(polygon, vertices_, normal);
-            const double clearance = length <= 1e-12 ? -INFINITE
-                : min_projection(piece, controls_, normal) - offset;
+            if (length <= 1e-12) return;
+            const double inverse = 1.0 / length;
+            Line line{{along.y * inverse, -along.x * inverse}, 0.0};
+            line.offset = max_projection(polygon, vertices_, line.normal);
+            const double clearance = find_clearance(piece, controls_, line);
             if (!(clearance > most)) return;
-            best = {normal, offset};
+            best = line;
             most = clearance;
         };
         const int count = controls_;
