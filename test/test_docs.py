@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -134,25 +133,16 @@ class Walkthrough:
     def _start(self, name, arguments, told):
         """Start a node and wait until it is ready; the one of that name before is stopped."""
         self.stop(name)
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'secure_uav_planner', 'node', name, *arguments],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=self.folder,
-            env=environment(PYTHONUNBUFFERED='1'))
-        self.nodes[name] = process
+        log = self.folder / f'{name}.log'
+        with log.open('w') as file:
+            self.nodes[name] = subprocess.Popen(
+                [sys.executable, '-m', 'secure_uav_planner', 'node', name, *arguments],
+                stdout=file, stderr=subprocess.STDOUT, cwd=self.folder,
+                env=environment(PYTHONUNBUFFERED='1'))
         # What starts by itself has done its work when it says so.
         word = 'end of the plan' if 'autostart:=true' in arguments else 'ready'
-        ready, process.output = threading.Event(), []
-
-        def read():
-            for line in process.stdout:
-                process.output.append(line)
-                if word in line:
-                    ready.set()
-
-        process.reader = threading.Thread(target=read, daemon=True)
-        process.reader.start()
-        assert ready.wait(PATIENCE), f'{told}: {"".join(process.output)}'
-        assert 'there is no parameter' not in ''.join(process.output), told
+        wait_for(lambda: word in log.read_text(), patience=PATIENCE, what=told)
+        assert 'there is no parameter' not in log.read_text(), told
 
     def stop(self, name):
         """Stop a node as Ctrl-C does; it must end well."""
@@ -161,11 +151,9 @@ class Walkthrough:
             return
         process.send_signal(signal.SIGINT)
         try:
-            status = process.wait(timeout=PATIENCE)
+            assert process.wait(timeout=PATIENCE) == 0, (self.folder / f'{name}.log').read_text()
         finally:
             process.kill()
-        process.reader.join(timeout=PATIENCE)
-        assert status == 0, ''.join(process.output)
 
     def _run(self, arguments, told):
         result = subprocess.run(
