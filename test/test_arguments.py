@@ -96,6 +96,7 @@ def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_p
             text = str(error).lower()
             assert parameter in text or parameter == 'data' and owner.__name__.lower() in text
             assert re.search('must (be|have)|lacks', text), text
+            assert parameter in error.field or not error.field, (error.field, text)
         else:
             assert type(value) is not object or parameter in (
                 'evaluate', 'title')  # They take any truth.
