@@ -57,6 +57,7 @@ OPTIONAL = {
     'test_page.py': ['plotly', 'selenium'],
     'test_relay.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],
+    'test_new_and_check.py': ['plotly'],
     'test_promise.py': ['plotly'],
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
     'test_site.py': ['furo', 'latex2mathml', 'myst_parser', 'sphinx'],

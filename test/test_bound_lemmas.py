@@ -310,17 +310,15 @@ def excess(options, most=400, curved=False, count=60, objective='guaranteed'):
     return largest_excess(solve(mission(**options), objective=objective), most, curved, count)
 
 
-@pytest.mark.parametrize('options, most, curved', [
-    *((options, 400, False) for options in MISSIONS),
-    *((options, 400, True) for options in MISSIONS[:3]), ({'seed': 8, 'slots': 9}, 4, False)],
+@pytest.mark.parametrize('arguments', [
+    *({'options': options} for options in MISSIONS),
+    *({'options': options, 'curved': True} for options in MISSIONS[:3]),
+    {'options': {'seed': 8, 'slots': 9}, 'most': 4},
+    # Discs of several places.
+    {'options': {'seed': 12, 'eavesdroppers': 2, 'colluding': True}, 'objective': 'worst_case'}],
     ids=str)
-def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(options, most, curved):
-    assert excess(options, most, curved) <= 0
-
-
-def test_no_place_and_no_power_exceeds_the_bound_with_discs_of_several_places():
-    options = {'seed': 12, 'eavesdroppers': 2, 'colluding': True}
-    assert excess(options, objective='worst_case') <= 0
+def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(arguments):
+    assert excess(**arguments) <= 0
 
 
 @pytest.mark.parametrize('most, curved', [(400, False), (400, True), (4, False)])
