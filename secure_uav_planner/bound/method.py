@@ -46,10 +46,10 @@ Measured: a single round at each leaves 2% at T = 102 s against the worst case i
 FINE = ((0.03, 1),)
 """The same of fine groups, with linear potentials."""
 
-QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2), (0.001, 2))
+QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same after these, with quadratic potentials."""
 
-LINEAR = ((0.01, 3), (0.003, 3), (0.001, 3))
+LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """The same with linear potentials, where a group has several slots or the gap is large."""
 
 LARGE_GAP = 0.1

@@ -177,13 +177,9 @@ def certify(team: Team, multipliers: Multipliers,
 
 def bound_silence(potential: Potential, incumbents: Array, stop: Callable[[], bool]) -> Array:
     """Return a bound of a silent UAV's term, its potential, (G,) in nats."""
-    region, groups = potential.region, np.arange(len(potential.groups.count))
-    if not potential.is_quadratic and region.detours is None:
-        return np.asarray(region.support(potential.change[0], groups) + potential.constant()
-                          + margin(region.altitude, potential.magnitude()))
-    terms = Terms(potential, groups, np.zeros(len(groups)),
-                  np.zeros((len(groups), len(region.radii))))
-    return terms.bound_maxima(incumbents, stop)
+    groups = np.arange(len(potential.groups.count))
+    none = np.zeros((len(groups), len(potential.region.radii)))
+    return Terms(potential, groups, none[:, 0], none).bound_maxima(incumbents, stop)
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:

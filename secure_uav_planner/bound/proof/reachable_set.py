@@ -195,7 +195,15 @@ class ReachableSet:
 
     @cached_property
     def corner(self) -> Array:
-        """Return the upper crossing of the circles, (G, 2), or zeros where there is none."""
+        """
+        Return the upper crossing of the circles, (G, 2), or zeros where there is none.
+
+        Lemma 6. For any split g1 + g2 of a direction g, the maximum of g . q over both discs is at
+        most r1 |g1| + r2 |g2| + g2 . goal, the sum of the two discs' maxima. It is attained by g2
+        = 0 or g1 = 0 where the maximum lies on one disc's arc, and else by the multiples of the
+        normals at a corner. The kernel computes the split from the corner, so that a badly rounded
+        corner makes a bound larger, never wrong.
+        """
         first = self._crossing()
         across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
         crosses = np.isfinite(first) & (across > 0)
@@ -265,36 +273,6 @@ class ReachableSet:
             ((place[..., None, :] - self.eavesdroppers)**2).sum(-1),
             -self.radii if self.transmits else self.radii)
         return ground, np.log(squared + square) - self.log_advantages
-
-    def support(self, direction: Array, group: NDArray[np.integer[Any]]) -> Array:
-        """
-        Return at least the maximum of direction . q over the set, exact but for rounding.
-
-        Lemma 6. For any split direction = g1 + g2 the maximum over both discs is at most
-        r1 |g1| + r2 |g2| + g2 . goal, the sum of the two discs' maxima. It is attained by g2 = 0
-        or g1 = 0 where the maximum lies on one disc's arc, and else by the multiples of the
-        normals at a corner. The split is computed from the corner, so that a badly rounded
-        corner makes the bound larger, never wrong.
-
-        :param direction: (M, 2).
-        :param group: of each direction, (M,).
-        """
-        near, far = self.from_start[group], self.to_goal[group]
-        across = self.corner[group]
-        norm = np.hypot(direction[:, 0], direction[:, 1])
-        best = np.minimum(near * norm, far * norm + direction[:, 0] * self.distance)
-        at = np.flatnonzero(across[:, 1] > 0)
-        if len(at):
-            g, c = direction[at], across[at]
-            share = np.maximum((c[:, 0] * np.abs(g[:, 1]) / c[:, 1] - g[:, 0]) / self.distance, 0)
-            second = share[:, None] * np.stack(
-                [c[:, 0] - self.distance, c[:, 1] * np.sign(g[:, 1])], -1)
-            first = g - second
-            split = (near[at] * np.hypot(first[:, 0], first[:, 1])
-                     + far[at] * np.hypot(second[:, 0], second[:, 1])
-                     + second[:, 0] * self.distance)
-            best[at] = np.minimum(best[at], split)
-        return np.asarray(best)
 
 
 def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:

@@ -1,12 +1,13 @@
 """
 The search for multipliers: Newton steps on columns at falling temperatures.
 
-The dual function has one breakpoint of w0 in every group; at those of the certificate, v is that
-of the search in proportion to w0.
+The dual function has one breakpoint of w0 in every group; the certificate's multipliers are then
+made for several, each with its own v.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +16,7 @@ import numpy as np
 from .columns import ColumnPool, Columns, pack_columns
 from .dual import Dual
 from .variables import DualPoint, PotentialLayout
-from ..proof.certificate import Multipliers, sigmoid
+from ..proof.certificate import entropy, maximise_power, Multipliers, sigmoid
 from ..proof.reachable_set import Team
 from ..proof.terms import Potential
 from ...mission.validation import Array
@@ -38,6 +39,9 @@ MAX_DAMPING = 1e4
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate; the w0 of the search is added to them."""
+
+SWEEP_COLUMNS, SWEEPS = 60, (2, 5)
+"""Columns that join before each sweep of v, and sweeps with one eavesdropper and with more."""
 
 
 class MultiplierSearch:
@@ -167,16 +171,93 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
     uavs = range(len(search.team.regions))
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)
-    v = search.point.v * (weights / search.weight)[..., None]
+    columns = [pool.recent for pool in search.pools]
     potentials = tuple(map(search.potential, uavs))
     # The part of the potentials that the columns' values leave out.
     constant = np.array([
         potential.constant() if potential.is_quadratic else potential.acceleration_cost()
         for potential in potentials])
-    columns = [pool.recent for pool in search.pools]
-    incumbents = np.array([[search.evaluate(i, columns[i], *pair).max(1)
-                            for pair in zip(weights, v)] for i in uavs]) + constant[:, None]
+    minima = [_minimise_v(search, columns, weight) for weight in weights]
+    v = np.array([v for v, _ in minima])
+    incumbents = np.array([terms for _, terms in minima]).swapaxes(0, 1) + constant[:, None]
     silent_incumbents = constant + [
         search.evaluate(i, search.pools[i].silent).max(1) for i in uavs]
     return Multipliers(
         potentials, search.point.prices, weights, v, silent_incumbents, incumbents)
+
+
+def _slot_constant(team: Team, price: float, weight: Array, v: Array) -> Array:
+    """Return the part of a slot's bound that depends on w0 and v alone, m(w0 - s) - H(v)."""
+    slack = np.maximum(weight - v.sum(-1), 0.0)
+    return (maximise_power(slack, price, team.regions[0].peak)[0]
+            - entropy(*team.sum_listeners(v)))
+
+
+def _minimise_v(search: MultiplierSearch, columns: list[Columns],
+                weight: Array) -> tuple[Array, list[Array]]:
+    """
+    Minimise a slot's bound on given columns over v, nearly, at w0.
+
+    :param columns: of every UAV.
+    :param weight: w0, (G,).
+    :return: v, (G, E), and the terms of every UAV there, (G,) each.
+    """
+    team, point = search.team, search.point
+    v = point.v * (weight / search.weight)[:, None]
+    zero = np.zeros_like(v)
+    # The constant part of every column's value, and its factors of v. The columns that are best at
+    # the present v join before every sweep: on a fixed list, v exploits what is missing in it.
+    # Measured: with one list a mission of one jammer is 24% above its plan instead of 5%.
+    parts = [(search.evaluate(i, part, weight, zero), part.leaks)
+             for i, part in enumerate(columns)]
+    chosen = [np.zeros((len(v), 0), int) for _ in parts]
+    row = np.arange(len(v))[:, None]
+
+    def restrict(start: Array, direction: Array) -> Callable[[Array], Array]:
+        """Return the slot's bound along a line from v = start, a function of the length (G,)."""
+        lines = [(base[row, few] + _weigh_leaks(leaks[row, few], start),
+                  _weigh_leaks(leaks[row, few], direction))
+                 for (base, leaks), few in zip(parts, chosen)]
+
+        def value(x: Array) -> Array:
+            constant = _slot_constant(
+                team, point.prices[0], weight, start + x[:, None] * direction)
+            return np.asarray(constant + sum(
+                (base + x[:, None] * slope).max(1) for base, slope in lines))
+        return value
+
+    count = v.shape[-1]
+    for sweep in range(SWEEPS[count > 1]):
+        chosen = [np.concatenate([few, np.argpartition(
+            base + _weigh_leaks(leaks, v), -min(SWEEP_COLUMNS, base.shape[1]), 1)[
+                :, -SWEEP_COLUMNS:]], 1) for few, (base, leaks) in zip(chosen, parts)]
+        share = v / np.maximum(v.sum(-1, keepdims=True), 1e-300)
+        v = share * _minimise_convex(restrict(zero, share), 0 * weight, weight)[:, None]
+        for e in range(count if sweep < SWEEPS[1] - 1 else 0):
+            for f in range(e):
+                direction = np.zeros_like(v)
+                direction[:, e], direction[:, f] = 1.0, -1.0
+                length = _minimise_convex(restrict(v, direction), -v[:, e], v[:, f])
+                v = np.maximum(v + direction * length[:, None], 0.0)
+    return v, [(base + _weigh_leaks(leaks, v)).max(1) for base, leaks in parts]
+
+
+def _minimise_convex(value: Callable[[Array], Array], low: Array, high: Array,
+                     steps: int = 20) -> Array:
+    """Return the minimisers of one convex function per group by golden section, (G,)."""
+    gold = (5**0.5 - 1) / 2
+    x1, x2 = high - gold * (high - low), low + gold * (high - low)
+    f1, f2 = value(x1), value(x2)
+    for _ in range(steps):
+        left = f1 < f2
+        low, high = np.where(left, low, x1), np.where(left, x2, high)
+        new = np.where(left, high - gold * (high - low), low + gold * (high - low))
+        f = value(new)
+        x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
+                          np.where(left, f, f2), np.where(left, f1, f))
+    return (low + high) / 2
+
+
+def _weigh_leaks(leaks: Array, v: Array) -> Array:
+    """Return sum_e v_e leaks, (G, C), for leaks (G, C, E) and v (G, E)."""
+    return np.asarray(np.matmul(leaks, v[..., None])[..., 0])
