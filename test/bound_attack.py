@@ -144,5 +144,7 @@ def random_plans(scenario, rng, count):
         peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
         powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
             rng.random((uavs, slots)) > rng.uniform(0, 0.9))
-        plans.append(Plan(scenario, *Problem(scenario).retract(np.array(paths), powers)))
+        problem = Problem(scenario)
+        plans.append(Plan(
+            scenario, problem.retract(np.array(paths)), problem.retract_powers(powers)))
     return plans

@@ -121,7 +121,7 @@ def test_a_retracted_plan_passes_the_checks_that_it_failed_before(scenario, seed
             limit.validate(positions, powers)
         except PlanningError:
             broken += 1
-        positions, powers = limit.retract(positions, powers)
+        positions, powers = limit.retract(positions), limit.retract_powers(powers)
     assert broken
     for limit in limits:
         limit.validate(positions, powers)
@@ -139,11 +139,11 @@ class LeastSpeed(Limit):
         if self.speeds(positions).min() < 4.0:
             raise PlanError('a UAV is too slow')
 
-    def retract(self, positions, powers):
+    def retract(self, positions):
         """Blend with the flight of least utilisation until it is fast enough."""
         blends = (positions + share * (self.grid.reference_flight - positions)
                   for share in np.linspace(0.0, 1.0, 21))
-        return next(blend for blend in blends if self.speeds(blend).min() >= 4.0), powers
+        return next(blend for blend in blends if self.speeds(blend).min() >= 4.0)
 
     def shape_start(self, positions):
         """Fly a circle at 6 m/s in place of hovering."""

@@ -24,11 +24,11 @@ class RangeLimit(Limit):
         if farthest > REACH + 1e-6:
             raise PlanError(f'a UAV is {farthest:.9g} m away; at most {REACH} m are allowed')
 
-    def retract(self, positions, powers):
+    def retract(self, positions):
         """Move points that are out of reach to the edge."""
         offsets = positions - BASE
         excess = np.linalg.norm(offsets, axis=-1, keepdims=True) / REACH
-        return BASE + offsets / np.maximum(excess, 1.0), powers
+        return BASE + offsets / np.maximum(excess, 1.0)
 
     @property
     def compiled(self):

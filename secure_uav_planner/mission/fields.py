@@ -150,10 +150,12 @@ class Members:
         if not isinstance(values, (tuple, list)) or not self.least <= len(values) <= self.most:
             raise refuse(values, f'a list of {self.least} to {self.most} '
                          f'{describe_class(self.kind)}')
-        errors, members, check = ErrorList(), [], Block(self.kind)
+        errors, members = ErrorList(), []
         for number, value in enumerate(values):
-            with errors.collecting(number):
-                members.append(check(value))
+            if not isinstance(value, self.kind):
+                with errors.collecting(number):
+                    value = read_object(self.kind, value)
+            members.append(value)
         raise_all(errors)
         return tuple(members)
 

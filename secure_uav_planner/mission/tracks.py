@@ -75,6 +75,8 @@ def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
 def interpolate(track: Track, times: Array) -> Array:
     """Return the place, and the radius if the track has one, at times (K,) in s, (K, 2 or 3)."""
     knots = np.array(track)
+    if len(knots) == 1:
+        return np.broadcast_to(knots[0, 1:], (len(times), knots.shape[1] - 1))
     return np.stack([np.interp(times, knots[:, 0], column) for column in knots.T[1:]], axis=-1)
 
 

@@ -70,11 +70,17 @@ class Problem:
             return False
         return True
 
-    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """Return positions (U, N+2, 2) in m and powers (U, N) in W, retracted by every limit."""
+    def retract(self, positions: Array) -> Array:
+        """Return positions (U, N+2, 2) in m, retracted by every limit."""
         for limit in self.limits:
-            positions, powers = limit.retract(positions, powers)
-        return positions, powers
+            positions = limit.retract(positions)
+        return positions
+
+    def retract_powers(self, powers: Array) -> Array:
+        """Return powers (U, N) in W, retracted by every limit."""
+        for limit in self.limits:
+            powers = limit.retract_powers(powers)
+        return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
         """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""

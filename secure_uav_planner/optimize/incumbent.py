@@ -67,13 +67,10 @@ class Incumbent:
         if positions is None:
             positions = self.positions  # To the last bit.
         else:
-            positions, _ = self.problem.retract(positions, self.powers)
+            positions = self.problem.retract(positions)
             if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
                 return 0.0
-        if powers is None:
-            powers = self.powers
-        else:
-            _, powers = self.problem.retract(positions, powers)
+        powers = self.powers if powers is None else self.problem.retract_powers(powers)
         powers, rates = mute_nonpositive_slots(self.scenario, positions, powers, self.objective)
         rates = np.where(rates > self._negligible, rates, 0.0)
         shares = find_shares(self.scenario, rates)

@@ -83,6 +83,9 @@ class Iteration(Checked):
     elapsed: float = field(metadata=checked_by(TIME))
     solver_time: float = field(metadata=checked_by(TIME))
 
+    def __post_init__(self) -> None:
+        """Check nothing: methods report many; those of a file are checked by read_object."""
+
     @property
     def guaranteed_rate(self) -> float:
         """Rate under its name of version 0.1."""

@@ -108,18 +108,25 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
             strict=True):
         combine(sinr, bound_sinrs(
             link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
-    return find_node_rates(scenario, positions, powers, convert_sinr(sinr), times, altitudes)
+    return _subtract_leak(scenario, receivers.ground_nodes, positions, powers, convert_sinr(sinr),
+                          altitudes)
 
 
 def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: Array,
-                    times: Array | None = None, altitudes: Array | None = None) -> Array:
+                    times: Array | None = None) -> Array:
     """
     Return r_k[n] less the leak to eavesdroppers, (N,), and to nodes that listen, (G, N).
 
-    :param times: as for guaranteed_rates, like altitudes.
+    :param times: as for guaranteed_rates.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
+    return _subtract_leak(scenario, nodes, positions, powers, leak)
+
+
+def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
+                   altitudes: Array | None = None) -> Array:
+    """Return find_node_rates for places (G, N, 2) of the ground nodes in m."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),

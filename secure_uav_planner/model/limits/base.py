@@ -67,14 +67,13 @@ class Limit(ABC):
         """
         return positions
 
-    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """
-        Return nearly feasible positions and powers made feasible.
+    def retract(self, positions: Array) -> Array:
+        """Return nearly feasible positions (U, N+2, 2) in m made feasible."""
+        return positions
 
-        :param positions: (U, N+2, 2) in m.
-        :param powers: (U, N) in W.
-        """
-        return positions, powers
+    def retract_powers(self, powers: Array) -> Array:
+        """Return nearly feasible powers (U, N) in W made feasible."""
+        return powers
 
 
 def compile_vectors(grid: Grid, points: NDArray[np.intp], weights: ArrayLike,
@@ -108,8 +107,8 @@ class PeakPower(Limit):
                 raise PlanError(f'the power of {uav.name} is {power.max():.9g} W in slot '
                                 f'{power.argmax() + 1}; at most {uav.peak_power:g} W are allowed')
 
-    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        return positions, np.clip(powers, 0, self.scenario.peak_powers[:, None])
+    def retract_powers(self, powers: Array) -> Array:
+        return np.clip(powers, 0, self.scenario.peak_powers[:, None])
 
 
 class AveragePower(Limit):
@@ -121,7 +120,7 @@ class AveragePower(Limit):
                 raise PlanError(f'the average power of {uav.name} is {power.mean():.9g} W; '
                                 f'at most {uav.average_power:g} W are allowed')
 
-    def retract(self, positions: Array, powers: Array) -> tuple[Array, Array]:
+    def retract_powers(self, powers: Array) -> Array:
         mean = powers.mean(axis=1, keepdims=True)
-        return positions, powers * np.minimum(
+        return powers * np.minimum(
             1.0, self.scenario.average_powers[:, None] / np.maximum(mean, 1e-300))

@@ -78,8 +78,7 @@ class NormLimit(Limit):
                 raise PlanError(self._describe_excess(
                     uav, int(length.argmax()), float(length.max())))
 
-    def retract(self, positions: Array, powers: Array,
-                margin: float = 0.0) -> tuple[Array, Array]:
+    def retract(self, positions: Array, margin: float = 0.0) -> Array:
         """
         Return the positions blended with the reference flight as far as the limit asks for.
 
@@ -100,7 +99,7 @@ class NormLimit(Limit):
             slack = np.maximum(most - least, 0)[over]
             share = excess / (excess + slack)
             positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
-        return positions, powers
+        return positions
 
     def utilisations(self, positions: Array) -> Array:
         """Return the largest share of the limit that each flight uses, (U,)."""

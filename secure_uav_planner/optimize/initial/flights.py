@@ -96,7 +96,7 @@ def build_flights(problem: Problem, hover: Array,
     for limit in problem.limits:
         positions = limit.shape_start(positions)
     if scenario.limits_acceleration and problem.airspace.is_open:
-        positions, _ = problem.retract(positions, np.zeros((len(positions), scenario.slots)))
+        positions = problem.retract(positions)
     return positions
 
 

@@ -264,10 +264,10 @@ def adapt_plan(problem: Problem, plan: Plan,
     share = np.linspace(0, 1, scenario.slots + 2)
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
-    powers = resample(plan.powers.T, scenario.slots, inner=True).T
+    powers = problem.retract_powers(resample(plan.powers.T, scenario.slots, inner=True).T)
     if not problem.keeps_motion(positions):
         check_durations(scenario, raise_if_over)
-    retracted, powers = problem.retract(positions, powers)
+    retracted = problem.retract(positions)
     clear = problem.is_clear(retracted)
     if clear and np.abs(retracted - positions).max() < _ROUNDING:
         return retracted, powers

@@ -298,7 +298,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):
             if isinstance(limit, NormLimit):
-                positions, _ = limit.retract(positions, np.zeros(0), _MARGIN)
+                positions = limit.retract(positions, _MARGIN)
     return positions
 
 
