@@ -16,6 +16,41 @@ import sysconfig
 
 import numpy
 
+# The fields that mavros_msgs, px4_msgs, geographic_msgs and as2_msgs give these messages.
+DEFINITIONS = {
+    'mavros_msgs': {
+        'PositionTarget': 'std_msgs/Header header, uint8 coordinate_frame, '
+                          'uint8 FRAME_LOCAL_NED = 1, uint16 type_mask, uint16 IGNORE_VX = 8, '
+                          'uint16 IGNORE_VY = 16, uint16 IGNORE_VZ = 32, uint16 IGNORE_AFX = 64, '
+                          'uint16 IGNORE_AFY = 128, uint16 IGNORE_AFZ = 256, '
+                          'uint16 IGNORE_YAW_RATE = 2048, geometry_msgs/Point position, '
+                          'geometry_msgs/Vector3 velocity, '
+                          'geometry_msgs/Vector3 acceleration_or_force, float32 yaw, '
+                          'float32 yaw_rate'},
+    'px4_msgs': {
+        'TrajectorySetpoint': 'uint32 MESSAGE_VERSION = 0, uint64 timestamp, '
+                              'float32[3] position, float32[3] velocity, '
+                              'float32[3] acceleration, float32[3] jerk, float32 yaw, '
+                              'float32 yawspeed',
+        'OffboardControlMode': 'uint64 timestamp, bool position, bool velocity, '
+                               'bool acceleration, bool attitude, bool body_rate, '
+                               'bool thrust_and_torque, bool direct_actuator',
+        'VehicleOdometry': 'uint64 timestamp, uint64 timestamp_sample, uint8 pose_frame, '
+                           'uint8 POSE_FRAME_NED = 1, float32[3] position, float32[4] q, '
+                           'uint8 velocity_frame, uint8 VELOCITY_FRAME_NED = 1, '
+                           'float32[3] velocity, float32[3] angular_velocity',
+        'VehicleLocalPosition': 'uint64 timestamp, bool xy_valid, uint8 xy_reset_counter, '
+                                'uint8 z_reset_counter, bool xy_global, uint64 ref_timestamp, '
+                                'float64 ref_lat, float64 ref_lon'},
+    'geographic_msgs': {
+        'GeoPoint': 'float64 latitude, float64 longitude, float64 altitude',
+        'GeoPointStamped': 'std_msgs/Header header, geographic_msgs/GeoPoint position'},
+    'as2_msgs': {
+        'TrajectoryPoint': 'string id, geometry_msgs/Vector3 position, '
+                           'geometry_msgs/Vector3 twist, geometry_msgs/Vector3 acceleration, '
+                           'float32 yaw_angle',
+        'TrajectorySetpoints': 'std_msgs/Header header, as2_msgs/TrajectoryPoint[] setpoints'}}
+
 DEPENDENCIES = ('builtin_interfaces', 'std_msgs', 'geometry_msgs')
 NEEDED = ('rosidl_adapter', 'rosidl_generator_c', 'rosidl_generator_py',
           'rosidl_generator_type_description', 'rosidl_typesupport_c',

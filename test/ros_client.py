@@ -57,15 +57,12 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 
 
 @contextmanager
-def node_process(name, *arguments, namespace=None, program=None, **parameters):
-    """Run a node, or a program, in its own process; yield that, with its output in .lines."""
-    script = ['-c', program] if program else [str(ROOT / 'scripts' / name)]
-    command = [sys.executable, *script, *_ros_args(parameters)]
-    if namespace:
-        command += ['-r', f'__ns:={namespace}']
+def node_process(name, *arguments, namespace=None, **parameters):
+    """Run a node, or a program by its path, in its own process; its output is in .lines."""
     process = subprocess.Popen(
-        [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=environment(PYTHONUNBUFFERED='1'))
+        [sys.executable, str(ROOT / 'scripts' / name), *_ros_args(parameters, namespace),
+         *arguments], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment(PYTHONUNBUFFERED='1'))
     process.name, process.lines = name, []
     _note(process)
     reader = threading.Thread(target=lambda: process.lines.extend(process.stdout), daemon=True)
@@ -84,9 +81,10 @@ def node_process(name, *arguments, namespace=None, program=None, **parameters):
         reader.join(timeout=PATIENCE)
 
 
-def _ros_args(parameters):
-    return ['--ros-args'] + [word for key, value in parameters.items()
-                             for word in ('-p', f'{key.replace("__", ".")}:={value}')]
+def _ros_args(parameters, namespace=None):
+    return ['--ros-args', *(['-r', f'__ns:={namespace}'] if namespace else []),
+            *(word for key, value in parameters.items()
+              for word in ('-p', f'{key.replace("__", ".")}:={value}'))]
 
 
 def refusal(capfd, name, **parameters):
@@ -135,16 +133,16 @@ def _logged_in(lines):
 
 
 @contextmanager
-def node_here(name, **parameters):
+def node_here(name, *arguments, namespace=None, **parameters):
     """
     Run a node in this process, which takes a tenth of the time; its log is in .lines.
 
-    For tests that ask a node of their own; tests of processes and warnings use node_process.
+    For tests that ask a node of their own; tests of processes use node_process.
     """
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
     context, local = Context(), _LocalProcess(name)
     _note(local)
-    rclpy.init(context=context, args=_ros_args(parameters))
+    rclpy.init(context=context, args=[*_ros_args(parameters, namespace), *arguments])
     with _logged_in(local.lines):
         node, stop = kind(context=context), threading.Event()
         full_name = node.get_fully_qualified_name()
@@ -206,28 +204,23 @@ def _running():
     return [process for _, process in _started if process.poll() is None]
 
 
-def memory_settles(process, work, quiet=5, least=0.5, most=60):
+def memory_settles(process, work):
     """
     Repeat a piece of work until a process's memory has settled; return it after each, in MB.
 
-    Settled is when the last rounds, `quiet` of them, have added less than `least` MB together.
-    What a process needs once, such as caches and the pools of its allocator, comes to an end; a
-    leak does not, however fast the machine is.
-
-    :param most: rounds after which memory that still rises fails the test.
+    Settled is when the last five rounds have added less than 0.5 MB together. What a process needs
+    once, such as caches and the pools of its allocator, comes to an end; a leak does not, however
+    fast the machine is.
     """
-    sizes = [memory(process)]
-    while len(sizes) <= quiet or sizes[-1] - sizes[-1 - quiet] >= least:
-        assert len(sizes) <= most, f'memory still rises after {most} rounds: {sizes} MB'
-        work()
-        sizes.append(memory(process))
+    sizes = []
+    while len(sizes) <= 5 or sizes[-1] - sizes[-6] >= 0.5:
+        assert len(sizes) <= 60, f'memory still rises: {sizes} MB'
+        if sizes:
+            work()
+        with open(f'/proc/{process.pid}/statm', encoding='ascii') as file:
+            pages = int(file.read().split()[1])  # That are resident.
+        sizes.append(pages * os.sysconf('SC_PAGE_SIZE') / 1e6)
     return sizes
-
-
-def memory(process):
-    """Return the resident memory of a process in MB."""
-    with open(f'/proc/{process.pid}/statm', encoding='ascii') as file:
-        return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 class Client:
@@ -344,6 +337,16 @@ class Client:
         wait_for(is_known, what=f'the pose of {topic}')
         if stamp is None:
             self._poses[topic] = publish, _running()
+
+    def send_odometry(self, topic, x, y, velocity, **options):
+        """Send odometry until the planner has received one on this topic."""
+        publisher = self.publisher(Odometry, topic)
+
+        def is_known():
+            publisher.publish(odometry_message(x, y, velocity, stamp=self.now(), **options))
+            time.sleep(0.1)
+            return self.status.get(f'pose_age.{topic}', 'none') != 'none'
+        wait_for(is_known, what=f'the odometry of {topic}')
 
     def now(self):
         return self.node.get_clock().now().to_msg()

@@ -13,11 +13,12 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner import fly_hover_fly, GroundNode, Plan, Scenario
 from secure_uav_planner.errors import PlanError
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.assembly import Assembly
 from secure_uav_planner.ros.cdr import read_path, read_power, read_trajectory
+from secure_uav_planner.ros.topics import SCHEDULE
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from strategies import with_uavs
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -51,21 +52,16 @@ def trajectory_of(frame, joint, rows):
     return message
 
 
-@given(NAMES, NAMES, ROWS)
-def test_a_path_has_its_stamps_frames_and_places(frame, pose_frame, rows):
-    message = path_of(frame, [pose_frame] * len(rows), rows)
-    content = read_path(serialize_message(message))
+@given(NAMES, st.lists(NAMES, max_size=2), st.data())
+def test_a_path_has_its_stamps_and_places_its_frame_and_the_first_other_one(frame, frames, data):
+    rows = data.draw(ROWS)
+    pose_frames = [data.draw(st.sampled_from(frames or [frame])) for _ in rows]
+    content = read_path(serialize_message(path_of(frame, pose_frames, rows)))
     assert (content.stamp_ns, content.frame) == (7 * 10**9, frame)
-    assert content.pose_frames == [pose_frame] * bool(rows)
-    assert content.times_ns.tolist() == [*range(1, len(rows) + 1)]
-    assert content.places.tolist() == [row[:3] for row in rows]
-
-
-@given(NAMES, st.lists(NAMES, min_size=2, max_size=6))
-def test_a_path_names_the_first_pose_frame_that_is_another(frame, pose_frames):
-    content = read_path(serialize_message(path_of(frame, pose_frames)))
-    assert content.pose_frames == pose_frames[:1] + [
-        name for name in pose_frames if name != pose_frames[0]][:1]
+    assert content.pose_frames == [*dict.fromkeys(pose_frames)]
+    if len(content.pose_frames) < 2:
+        assert content.times_ns.tolist() == [*range(1, len(rows) + 1)]
+        assert content.places.tolist() == [row[:3] for row in rows]
 
 
 @given(NAMES, st.lists(st.floats(allow_nan=False)))
@@ -85,9 +81,8 @@ def test_a_trajectory_has_its_motion(frame, joint, rows):
         assert np.concatenate(content.motion, axis=1).tolist() == rows
 
 
-@pytest.mark.parametrize('part', ['transforms', 'velocities', 'accelerations'])
-@pytest.mark.parametrize('count', [0, 2])
-@pytest.mark.parametrize('point', [0, 1, 2])
+@given(st.sampled_from(['transforms', 'velocities', 'accelerations']), st.sampled_from([0, 2]),
+       st.integers(0, 2))
 def test_a_trajectory_without_one_of_each_part_has_no_motion(part, count, point):
     message = trajectory_of('map', 'uav1', [[1.0] * 6] * 3)
     setattr(message.points[point], part, getattr(message.points[point], part) * count)
@@ -218,67 +213,94 @@ def test_a_plan_of_constant_power_is_used_although_its_mean_is_rounded_up():
     assert np.array_equal(plan.powers, powers)
 
 
+def sent_by_planner(plan):
+    """Return the serialized messages of a plan by topic."""
+    return {topic.replace('~', 'planner'): bytes(serialize_message(message))
+            for topic, message in messages.plan_messages(plan, 'map')
+            if not topic.endswith('markers')}
+
+
 def assembled(plan):
     """Return a plan after its messages, and how many functions were called to assemble it."""
     assembly, calls = Assembly(UAVS, lambda topic: True), []
-    sent = [(topic, bytes(serialize_message(message)))
-            for topic, message in messages.plan_messages(plan, 'map') if topic[0] != '~']
-    sys.setprofile(lambda frame, event, argument: calls.append(event))
-    try:
-        *_, (made, _) = [assembly.take(topic, message, FIELDS) for topic, message in sent]
-    finally:
-        sys.setprofile(None)
+    sent = sent_by_planner(plan).items()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(clarabel, 'DefaultSolver', None)
+        sys.setprofile(lambda frame, event, argument: calls.append(event))
+        try:
+            made, _ = [*filter(None, (assembly.take(topic, message, FIELDS)
+                                      for topic, message in sent))][-1]
+        finally:
+            sys.setprofile(None)
     return made, len(calls)
 
 
-def test_more_slots_take_no_more_calls_so_that_the_stream_goes_on():
+def test_more_slots_take_no_more_calls_so_that_the_stream_goes_on_and_no_solver():
     counts = []
     for slots in (100, 100, 1000):  # Modules may be imported at first.
-        scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0)
-        plan = replace(fly_hover_fly(scenario), start_ns=10**18)
+        plan = replace(fly_hover_fly(with_uavs(
+            Scenario.paper(150.0, slots=slots), max_acceleration=2.0,
+            start_velocity=(0.0, -5.0))), start_ns=10**18)
         made, count = assembled(plan)
-        assert np.array_equal(made.positions, plan.positions)
-        assert np.array_equal(made.powers, plan.powers)
+        assert made.identity == plan.identity
         counts.append(count)
     assert counts[2] < 1.2 * counts[1]
 
 
-def test_a_plan_that_begins_in_motion_is_assembled_without_a_solver(monkeypatch):
-    scenario = with_uavs(Scenario.paper(150.0, slots=100), max_acceleration=2.0,
-                         start_velocity=(0.0, -5.0))
-    plan = replace(fly_hover_fly(scenario), start_ns=10**18)
-    monkeypatch.setattr(clarabel, 'DefaultSolver', None)
-    made, _ = assembled(plan)
-    assert made.identity == plan.identity
+NODES = tuple(GroundNode((0.0, y), name) for name, y in (('barn', 150.0), ('cart', -150.0)))
 
 
 @cache
-def revisions():
-    """Return three plans of one flight, and the serialized messages of each by topic."""
-    plan = replace(fly_hover_fly(with_uavs(
-        Scenario.paper(150.0, slots=20), max_acceleration=2.0)), start_ns=10**18)
+def revisions(is_farm):
+    """Return plans of one flight for a ground node or two, and the messages of each by topic."""
+    scenario = with_uavs(Scenario.paper(150.0, slots=20), max_acceleration=2.0)
+    shares = None
+    if is_farm:
+        scenario = replace(scenario, ground_node=None, ground_nodes=NODES)
+        shares = np.full((2, 20), 0.5)
+    plan = fly_hover_fly(scenario)
     inner = np.pad(np.ones((2, 20, 2)), ((0, 0), (1, 1), (0, 0)))
-    plans = [replace(plan, powers=plan.powers * (1.0 if number < 1 else 0.9),
-                     positions=plan.positions + 1e-7 * inner * (number > 1))
+    plans = [Plan(scenario, plan.positions + 1e-7 * inner * (number > 1),
+                  plan.powers * (1.0 if number < 1 else 0.9), shares=shares, start_ns=10**18)
              for number in range(3)]
-    return plans, [{topic: bytes(serialize_message(message))
-                    for topic, message in messages.plan_messages(plan, 'map')
-                    if not topic.startswith('~')} for plan in plans]
+    return plans, [sent_by_planner(plan) for plan in plans]
 
 
-@given(st.data())
-def test_in_any_order_and_with_any_loss_only_whole_plans_are_assembled_and_the_last_one_is(data):
-    plans, sent = revisions()
+@given(st.data(), st.booleans())
+def test_in_any_order_and_with_any_loss_only_whole_plans_are_assembled_and_the_last_one_is(
+        data, is_farm):
+    plans, sent = revisions(is_farm)
     assembly, made = Assembly(UAVS, lambda topic: True), []
+    fields = {'eavesdroppers': FIELDS['eavesdroppers'], 'ground_nodes': tuple(
+        replace(node, name=f'node{number}')
+        for number, node in enumerate(plans[0].scenario.ground_nodes))}
     # Each topic keeps its order; all but the last message of each may be lost.
     queues = {topic: [parts[topic] for number, parts in enumerate(sent)
                       if number == 2 or data.draw(st.booleans())] for topic in sent[0]}
     while queues:
         topic = data.draw(st.sampled_from(sorted(queues)))
-        if received := assembly.take(topic, queues[topic].pop(0), FIELDS):
-            made.append(received[0].identity)
+        if received := assembly.take(topic, queues[topic].pop(0), fields):
+            made.append(received[0])
         if not queues[topic]:
             del queues[topic]
     identities = [plan.identity for plan in plans]
-    assert made[-1] == identities[-1] and not assembly.missing
-    assert made == sorted(made, key=identities.index)
+    order = [identities.index(plan.identity) for plan in made]
+    assert order[-1] == 2 and order == sorted(order) and not assembly.missing
+    if is_farm:
+        assert made[-1].scenario.ground_node_names == ('barn', 'cart')
+        assert made[-1].node_rates == pytest.approx(plans[-1].node_rates)
+    # Published again by a planner that has been restarted, it is no new plan.
+    assert not any(assembly.take(topic, message, fields) for topic, message in sent[-1].items())
+
+
+def test_a_schedule_of_other_nodes_and_one_of_a_single_node_make_no_plan():
+    assembly = Assembly(UAVS, lambda topic: True)
+    with pytest.raises(PlanError, match='plan serves barn, cart, and there are positions of 1 '):
+        for topic, message in revisions(True)[1][-1].items():
+            assembly.take(topic, message, {**FIELDS, 'ground_nodes': NODES[:1]})
+    plans, sent = revisions(False)
+    schedule = dict(messages.plan_messages(plans[0], 'map'))['~/schedule']
+    assert [dim.label for dim in schedule.layout.dim] == [
+        'ground_node', 'slot', f'{plans[0].identity} ground_node']
+    assembly = Assembly(UAVS, lambda topic: True)
+    assert not assembly.take(SCHEDULE, sent[0][SCHEDULE], FIELDS) and not assembly.problem

@@ -22,7 +22,6 @@ from secure_uav_planner import Scenario
 from secure_uav_planner.ros.planner import Planner
 from secure_uav_planner.ros.replay import Replay
 from test_security import lone_node
-from test_tracks_node import send_odometry
 import yaml
 
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'),
@@ -299,7 +298,7 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
         wait_for(lambda: client.plan_paper() and have_come(of_solves))
         client.follow()
         wait_for(lambda: have_come(documented - of_receivers))
-        send_odometry(client, 200, 0, (1.0, 0.0))
+        client.send_odometry('eavesdropper/odom', 200, 0, (1.0, 0.0))
         assert client.call('planner/plan').success
         wait_for(lambda: have_come(of_receivers))
 

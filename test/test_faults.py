@@ -75,29 +75,6 @@ def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, 
         assert f"No such file or directory: '{folder}/plan.json'; the plan is published" in line
 
 
-def test_replay_flies_on_when_the_planner_is_killed(client):
-    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    # So slow that it is on its way however long the rest takes.
-    with node_process('replay', speed=0.01) as replay:
-        with node_process('planner', **SHORT) as planner:
-            client.plan_paper()
-            wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
-            wait_for(lambda: setpoints)
-            stopped(planner, signal.SIGKILL)
-        received = len(setpoints)
-        assert setpoints[-1].pose.position.y > -500.0  # still on its way
-        wait_for(lambda: len(setpoints) > received + 10, what='setpoints without the planner')
-        assert client.set_parameters('replay', speed=30.0)[0].successful
-        wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
-        assert replay.poll() is None
-        # The plan of a new planner is received.
-        with node_process('planner', **SHORT):
-            got = sum('got a plan' in line for line in replay.lines)
-            client.status.clear()
-            client.plan_paper()
-            wait_for(lambda: sum('got a plan' in line for line in replay.lines) > got)
-
-
 @pytest.mark.soak
 def test_twenty_kills_at_any_time_leave_a_whole_plan_file(file):
     rng, loaded = random.Random(1), 0
@@ -119,70 +96,68 @@ def test_twenty_kills_at_any_time_leave_a_whole_plan_file(file):
 # Clocks
 
 
-def test_the_planner_plans_before_the_first_clock_and_while_it_stands_still(client):
+def test_the_planner_plans_before_the_first_clock_while_it_stands_still_and_after_a_jump_back(
+        client):
     paths = client.listen(Path, 'uav1/path')
-    with node_process('planner', use_sim_time='true', pose_timeout=0.0, replan_lead=100.0,
-                      **SHORT):
+    with node_here('planner', use_sim_time='true', pose_timeout=0.0, replan_lead=100.0, **SHORT):
         client.send_paper(stamp=stamp_at(0))
         assert client.call('planner/plan').success
         wait_for(lambda: paths)
         assert seconds(paths[-1].header.stamp) == 0.0
-        with SimulatedTime(client, start=50.0) as clock:
-            def of_now():
+        with SimulatedTime(client, start=1000.0, speedup=1.0) as clock:
+            def plans_between(low, high):
                 client.send_paper(stamp=clock.stamp(), until_known=False)
-                return client.call('planner/plan').success and (
-                    seconds(paths[-1].header.stamp) > 50.0)
-            wait_for(of_now, what='a plan on simulated time')
+                return client.call('planner/plan').success and any(
+                    low <= seconds(path.header.stamp) <= high for path in paths)
+            wait_for(lambda: plans_between(1000.0, 2000.0), what='a plan on simulated time')
             clock.running = False
             received = client.listen(DiagnosticArray, '/diagnostics', 10)
             wait_for(lambda: len(received) >= 2, what='diagnostics while the clock stands')
+            del paths[:]
+            clock.running = True
+            clock.jump(10.0)
+            wait_for(lambda: 'no pose has come on ground_node/pose since the clock was set back' in
+                     client.call('planner/plan').message, what='a refusal')
+            wait_for(lambda: plans_between(10.0, 900.0), what='a plan after the jump')
+            wait_for(lambda: 0.0 <= float(client.status['plan.age']) < 900.0, what='a new age')
+            clock.running = False
             solving = until_solving(client)
             assert client.call('planner/cancel').success
             wait_for(solving.done)
             assert solving.result().message.startswith('cancelled')
 
 
-def test_the_planner_plans_after_the_clock_has_jumped_back(client):
-    paths = client.listen(Path, 'uav1/path')
-    with node_process('planner', use_sim_time='true', replan_period=5.0, **SHORT), \
-            SimulatedTime(client, start=1000.0, speedup=1.0) as clock:
-        def plan_at(low, high):
-            client.send_paper(stamp=clock.stamp(), until_known=False)
-            return client.call('planner/plan').success and any(
-                low <= seconds(path.header.stamp) <= high for path in paths)
-
-        wait_for(lambda: plan_at(1000.0, 2000.0), what='a first plan')
-        del paths[:]
-        clock.jump(10.0)
-        wait_for(lambda: 'no pose has come on ground_node/pose since the clock was set back' in (
-            client.call('planner/plan').message), what='a refusal')
-        wait_for(lambda: plan_at(10.0, 900.0), what='a plan after the jump')
-        wait_for(lambda: 0.0 <= float(client.status['plan.age']) < 900.0, what='a new age')
-
-
-def test_replay_holds_while_the_clock_stands_still_and_no_jump_of_it_moves_a_uav(client, file):
+def test_replay_waits_for_a_clock_holds_while_it_stands_and_no_jump_of_it_moves_a_uav(
+        client, file):
     """The UAVs neither leap nor turn back, whatever the clock does; they arrive."""
     fly_hover_fly(Scenario.paper(104, slots=104), 'constant').save(file)
     setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 5000)
-    with node_process('replay', use_sim_time='true', plan_file=file), \
-            SimulatedTime(client, start=1000.0) as clock:
-        assert client.call('replay/start').success
-        wait_for(lambda: setpoints and setpoints[-1].pose.position.y < 450.0, what='flight')
 
-        clock.running = False
-        wait_for(lambda: not grows(setpoints), what='a halt')
-        held = setpoints[-1].pose.position.y
-        clock.running = True
-        wait_for(lambda: setpoints[-1].pose.position.y < held - 50.0, what='flight again')
+    def has_flown(distance, since=500.0):
+        return setpoints and setpoints[-1].pose.position.y < since - distance
 
-        for earlier in (500.0, 0.0):
-            at = setpoints[-1].pose.position.y
-            clock.jump(earlier)
-            wait_for(lambda: setpoints[-1].pose.position.y < at - 50.0, what='flight on')
-        wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
-    place = np.array([(one.pose.position.x, one.pose.position.y) for one in setpoints])
+    with node_here('replay', use_sim_time='true', plan_file=file):
+        # Without any clock it answers.
+        for service in ('start', 'pause', 'start'):
+            assert client.call(f'replay/{service}').success
+        assert not setpoints
+        # No leap to the end of the plan when the time of day comes.
+        with SimulatedTime(client, start=1.7e9) as clock:
+            wait_for(lambda: has_flown(50.0), what='flight')
+            clock.running = False
+            wait_for(lambda: not grows(setpoints), what='a halt')
+            held = setpoints[-1].pose.position.y
+            clock.running = True
+            wait_for(lambda: has_flown(50.0, held), what='flight again')
+            for earlier in (500.0, 0.0):
+                at = setpoints[-1].pose.position.y
+                clock.jump(earlier)
+                wait_for(lambda: has_flown(50.0, at), what='flight on')
+            wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
+    place = np.array([(at.pose.position.x, at.pose.position.y) for at in setpoints])
+    assert 500.0 - place[0, 1] <= 10.0 * (seconds(setpoints[0].header.stamp) - 1.7e9) + 1e-3
     # What the clock went on from one setpoint to the next; a busy machine drops a few of them.
-    elapsed = np.diff([seconds(one.header.stamp) for one in setpoints])
+    elapsed = np.diff([seconds(at.header.stamp) for at in setpoints])
     back = np.flatnonzero(elapsed < 0)
     assert len(back) == len(clock.jumps)
     elapsed[back] += [before - after for before, after in clock.jumps]
@@ -195,20 +170,3 @@ def grows(received):
     before = len(received)
     time.sleep(0.5)
     return len(received) > before
-
-
-def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, file):
-    fly_hover_fly(Scenario.paper(104, slots=26), 'constant').save(file)
-    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_process('replay', use_sim_time='true', plan_file=file) as process:
-        assert client.call('replay/start').success
-        assert client.call('replay/pause').success
-        assert client.call('replay/start').success
-        assert not setpoints
-        # Not a leap of 1.7e9 s to the end of the plan when the time of day comes.
-        with SimulatedTime(client, start=1.7e9):
-            wait_for(lambda: len(setpoints) > 5)
-            flown = 500.0 - setpoints[0].pose.position.y
-            assert flown <= 10.0 * (seconds(setpoints[0].header.stamp) - 1.7e9) + 1e-3
-            wait_for(lambda: setpoints[-1].pose.position.y < 400.0)
-        assert process.poll() is None

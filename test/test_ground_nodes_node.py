@@ -5,15 +5,12 @@ from dataclasses import replace
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
-from ros_client import node_here, PATIENCE, refusal, stamp_at, wait_for
-from secure_uav_planner import fly_hover_fly, GroundNode, Plan, solve
-from secure_uav_planner.errors import PlanError
+from ros_client import node_here, PATIENCE, stamp_at, wait_for
+from secure_uav_planner import GroundNode, Plan, solve
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.assembly import Assembly
 from secure_uav_planner.ros.client import SecurePlanner
-from secure_uav_planner.ros.topics import LATCHED, SCHEDULE
+from secure_uav_planner.ros.topics import LATCHED
 from simulation import Simulation
 from std_msgs.msg import Float64MultiArray, String
 from test_ground_nodes import distrust, make_mission
@@ -85,35 +82,6 @@ def plan():
     return replace(solve(make_farm(slots=30), objective='guaranteed'), start_ns=10**18)
 
 
-@pytest.mark.parametrize('last', [SCHEDULE, 'uav1/power', 'uav2/trajectory'])
-def test_a_plan_waits_for_its_schedule_which_may_come_in_any_order(plan, last):
-    sent = {topic.replace('~', 'planner'): bytes(serialize_message(message))
-            for topic, message in messages.plan_messages(plan, 'map')}
-    del sent['planner/markers']
-    nodes, assembly = plan.scenario.ground_nodes, Assembly(['uav1', 'uav2'], lambda topic: True)
-    fields = {'eavesdroppers': plan.scenario.eavesdroppers, 'ground_nodes': tuple(
-        replace(node, name='ground_node') for node in nodes)}
-    assert not any(assembly.take(topic, sent[topic], fields) for topic in sent if topic != last)
-    with pytest.raises(PlanError, match='plan serves barn, cart, and there are positions of 1 '):
-        assembly.take(last, sent[last], {**fields, 'ground_nodes': nodes[:1]})
-    made, _ = assembly.take(last, sent[last], fields)
-    assert made.identity == plan.identity and made.node_rates == pytest.approx(plan.node_rates)
-    assert made.scenario.ground_node_names == (*NAMES,)
-    # Published again by a planner that has been restarted, it is no new plan.
-    assert not any(assembly.take(topic, message, fields) for topic, message in sent.items())
-
-
-def test_the_schedule_of_a_single_node_belongs_to_no_plan():
-    plan = replace(fly_hover_fly(make_mission([(0.0, 0.0)], slots=30)), start_ns=10**18)
-    sent, assembly = dict(messages.plan_messages(plan, 'map')), Assembly(
-        ['uav1', 'uav2'], lambda topic: True)
-    schedule = sent['~/schedule']
-    assert [dim.label for dim in schedule.layout.dim] == [
-        'ground_node', 'slot', f'{plan.identity} ground_node']
-    assert not assembly.take(SCHEDULE, bytes(serialize_message(schedule)), {})
-    assert not assembly.problem
-
-
 def test_the_node_with_the_largest_share_is_served_while_anything_is_transmitted(plan):
     playback, step = Playback(plan), plan.scenario.slot_duration
     for time in np.arange(-1.0, plan.times[-1] + 2.0, step / 2):
@@ -124,22 +92,6 @@ def test_the_node_with_the_largest_share_is_served_while_anything_is_transmitted
         if 0 <= slot < plan.scenario.slots and plan.powers[0, slot] > 0:
             expected = NAMES[plan.shares[:, slot].argmax()]
         assert sent['setpoint/served'].data == expected
-
-
-@pytest.mark.parametrize('parameters, reason', [
-    ({'ground_nodes': "['barn', 'north-farm']"}, "['barn', 'north-farm']; it must be a list of 1 "
-     'to 16 names of letters, digits and _'),
-    ({'ground_nodes': "['barn', 'uav1']"}, "['uav1', 'uav2', 'barn', 'uav1', 'eavesdropper']; "
-     'they must be unique'),
-    ({'ground_nodes': "['barn']", 'barn.weight': 0.0}, 'barn.weight is 0.0; it must be a number'),
-    ({'mission_file': 'north farm'}, "['north farm', 'cart']; it must be a list of 1 to 16")])
-def test_names_that_no_topic_can_have_are_refused(capfd, tmp_path, parameters, reason):
-    if 'mission_file' in parameters:
-        scenario, file = make_farm(), tmp_path / 'mission.yaml'
-        barn, cart = scenario.ground_nodes
-        replace(scenario, ground_nodes=(replace(barn, name='north farm'), cart)).save(file)
-        parameters = {'mission_file': file}
-    assert reason in refusal(capfd, 'planner', **parameters)
 
 
 def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, plan, tmp_path):

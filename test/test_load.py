@@ -5,6 +5,7 @@ import threading
 import time
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 import pytest
 from ros_client import Client, memory_settles, node_process, pose_message, wait_for
 
@@ -38,22 +39,34 @@ def poses(client):
         thread.join()
 
 
-def test_under_load_a_solve_can_be_cancelled_and_the_next_succeeds():
-    # Its solve takes far longer than the test.
-    long = {'duration': 400.0, 'slots': 3000, 'method': 'alternating', 'time_limit': 0.0}
-    with Client() as client, node_process('planner', **long) as process:
-        client.send_paper()
+def test_under_load_a_solve_lets_everything_answer_can_be_cancelled_and_ends_at_its_deadline():
+    with Client() as client, node_process('planner', duration=120.0, slots=40, time_limit=0.0,
+                                          method='alternating') as process:
+        paths = client.listen(Path, 'uav1/path')
+        client.plan_paper()
+        first = wait_for(lambda: paths and client.status.get('plan.stamp'))
+        # Its solve takes far longer than the test.
+        client.set_parameters('planner', duration=400.0, slots=3000)
         with poses(client) as sent:
             answer = client.ask('planner/plan')
             wait_for(lambda: 'progress.iteration' in client.status, what='progress')
-            before = sent[0]
+            before, count = sent[0], len(client.statuses)
             wait_for(lambda: sent[0] > before + 100, what='100 rounds of poses')
+            assert client.get_parameters('planner', 'slots') == [3000]
+            second = client.call('planner/plan')
+            assert not second.success and second.message.startswith('a solve is under way')
+            wait_for(lambda: len(client.statuses) > count + 1, what='more progress')
             assert not answer.done()
             assert client.call('planner/cancel').success
             wait_for(answer.done)
-            assert answer.result().message == 'cancelled'
-            assert client.set_parameters('planner', slots=30)[0].successful
-            wait_for(lambda: client.call('planner/plan').success)
+            assert answer.result().message == 'cancelled; the last plan stands'
+            wait_for(lambda: client.status['state'] == 'idle')
+            assert client.status['plan.stamp'] == first and len(paths) == 1
+            assert client.call('planner/cancel').message == 'no solve is under way'
+            client.set_parameters('planner', time_limit=2.0)
+            assert 'stopped at time_limit with the best feasible plan so far' in client.call(
+                'planner/plan').message
+            wait_for(lambda: len(paths[-1].poses) == 3002)
         assert process.poll() is None
 
 

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, PlanningError, Scenario
+from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from strategies import with_uavs
 
@@ -64,6 +66,36 @@ def test_path_and_trajectory_are_the_points_and_the_curve_of_the_plan(
             twist, = twists
             assert numbers(twist.linear) == [*expected[uav, n], 0.0]
             assert numbers(twist.angular) == [0.0] * 3
+
+
+def test_setpoints_are_the_moment_of_the_playback():
+    plan = plan_of(9, 2.0)
+    moment = Playback(plan).at(70.0)
+    made = dict(messages.setpoint_messages(plan.scenario, moment, 'map', Time(sec=5)))
+    for index, uav in enumerate(plan.scenario.uavs):
+        pose, odom = sent(made[f'{uav.name}/setpoint/pose']), sent(made[f'{uav.name}/odom'])
+        setpoint = messages.read_setpoint(sent(made[f'{uav.name}/setpoint/trajectory']))
+        place = (*moment.positions[index], uav.altitude)
+        assert numbers(pose.pose.position) == numbers(odom.pose.pose.position) == [*place]
+        assert setpoint.position == place and setpoint.time_ns == 5 * 10**9
+        assert setpoint.velocity == (*moment.velocities[index], 0.0)
+        assert setpoint.acceleration == (*moment.accelerations[index], 0.0)
+        assert setpoint.yaw == pytest.approx(moment.headings[index])
+        assert made[f'{uav.name}/setpoint/power'].data == moment.powers[index]
+        for message in (pose, odom):
+            assert (message.header.frame_id, message.header.stamp.sec) == ('map', 5)
+
+
+@pytest.mark.parametrize('count, length, reason', [
+    (0, 1.0, 'it has 0 points; it must have one'), (2, 1.0, 'it has 2 points; it must have one'),
+    (1, 5.0, 'it must be a quaternion of length 1')])
+def test_what_is_no_setpoint_is_refused_with_the_reason(count, length, reason):
+    message = messages.trajectory_setpoint(
+        'uav1', 'map', Time(), ((10.0, 20.0, 30.0), 0.0, (0.0, 0.0), (0.0, 0.0)))
+    message.points[0].transforms[0].rotation.w = length
+    message.points = count * [message.points[0]]
+    with pytest.raises(PlanningError, match=reason):
+        messages.read_setpoint(message)
 
 
 def test_markers_of_very_many_points_are_thinned_out():

@@ -94,6 +94,7 @@ def plan(client):
 
 def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_and_on_its_plan(
         flown):
+    paths = flown.listen(Path, 'uav1/path')
     plan(flown)
     wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
     time.sleep(3.0)
@@ -124,21 +125,13 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
         'planner', uav1__altitude=100.0, uav1__use_pose=False, uav2__use_pose=False))
     assert 'it goes on from plan' in plan(flown)
     flown.stream.check()
-
-
-def test_reset_and_start_wait_until_the_uavs_can_be_back_and_the_next_plan_begins_there(flown):
-    paths = flown.listen(Path, 'uav1/path')
-    plan(flown)
-    assert flown.call('replay/start').success
-    wait_for(lambda: time_of_plan(flown) > 5.0, what='a flight')
+    # After a reset they wait until they can be back, and the next plan begins there.
     assert flown.call('replay/reset').success
     answer = flown.call('replay/start')
     assert answer.success and 'waits for' in answer.message and 'to reach its start' in (
         answer.message)
     assert flown.call('replay/pause').success
     wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
-    assert all(result.successful for result in flown.set_parameters(
-        'planner', uav1__use_pose=False, uav2__use_pose=False))
     # For a second after the reset the flight counts as one that slows down.
     wait_for(lambda: 'ask again when it' not in flown.call('planner/plan').message)
     assert 'goes on' not in plan(flown)
@@ -198,7 +191,6 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
 
 
 def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
-    program = (ROOT / 'examples/ros/report_time.py').read_text()
     with node_process('planner', duration=120.0, slots=40, replan_period=0.5):
         client.plan_paper()
         # A passive subscriber, such as RViz, does not fly: the next plan begins at the start.
@@ -207,7 +199,7 @@ def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
         wait_for(lambda: path)
         assert places_of(path[-1])[0].tolist() == [100.0, 500.0]
         assert all('track.time' not in values_of(status) for status in client.statuses)
-        with node_process('own_stack', program=program):
+        with node_process(ROOT / 'examples/ros/report_time.py'):
             wait_for(lambda: int(client.status['replans']) > 0, what='a replan')
             wait_for(lambda: client.status.get('track.state') == 'flying')
         wait_for(lambda: 'is silent' in client.statuses[-1].message)

@@ -1,6 +1,7 @@
 """What the package says it needs is what it needs, and installing it harms nothing."""
 
 import ast
+from functools import cache
 import os
 from pathlib import Path
 import re
@@ -32,6 +33,7 @@ def depends(*kinds):
     return {entry.text for kind in kinds for entry in PACKAGE.iter(kind)}
 
 
+@cache
 def imported(folder):
     """Return the modules that the Python files of a folder import, each with one of the files."""
     files = sorted((ROOT / folder).rglob('*.py'))

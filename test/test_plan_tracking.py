@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 import math
-import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry, Path
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from rclpy.time import Time as RosTime
-from ros_client import (
-    DEFAULTS, odometry_message, places_of, pose_message, seconds, stamp_at, values_of, wait_for)
+from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.errors import LateError, SupersededError
 from secure_uav_planner.plan.playback import Playback
@@ -20,7 +18,6 @@ from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import make_request, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
-from sensor_msgs.msg import TimeReference
 from studies.flown.missions import limit_acceleration
 
 
@@ -43,65 +40,6 @@ def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(dura
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
 
-def timed(path):
-    """Return the times in s and the points of a path."""
-    return np.array([seconds(at.header.stamp) for at in path.poses]), places_of(path)
-
-
-def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(client, planner):
-    names = ('uav1', 'uav2')
-    paths = [client.listen(Path, f'{name}/path') for name in names]
-    diagnostics = client.listen(DiagnosticArray, '/diagnostics', 10)
-    publishers = [client.publisher(Odometry, f'{name}/odom') for name in names]
-    reports = client.publisher(TimeReference, 'plan_time')
-    client.plan_paper()
-    wait_for(lambda: all(paths) and 'plan.identity' in client.status)
-    assert 'track.time' not in client.status  # Nobody flies.
-    identity = client.status['plan.identity']
-
-    def fly_beside(x, y, sends_odometry=True):
-        """Report that the plan is flown by its stamps, and the first UAV beside it."""
-        now = time.time()
-        message = TimeReference(source=f'{identity} /follower', time_ref=stamp_at(now))
-        message.header.stamp = stamp_at(now)
-        reports.publish(message)
-        for publisher, path, offset in zip(publishers, paths, ((x, y), (0.0, 0.0))):
-            times, points = timed(path[-1])
-            place = [np.interp(now, times, column) for column in points.T]
-            if sends_odometry:
-                publisher.publish(odometry(*np.add(place, offset), stamp=now))
-        time.sleep(0.05)
-
-    def told(key):
-        return client.status.get(f'track.{key}', 'none')
-
-    wait_for(lambda: fly_beside(0.0, 0.0, False) or 'track.distance.uav1' in client.status)
-    assert [told(key) for key in ('distance.uav1', 'rate', 'planned_rate')] == ['none'] * 3
-    client.set_parameters('planner', pose_timeout=0.0)
-
-    def status_beside(x, y, distance, level):
-        """Return the first status with the distances of both UAVs and a level."""
-        def fulfilled():
-            fly_beside(x, y)
-            status = client.statuses[-1]
-            values = values_of(status)
-            distances = [values.get(f'track.distance.{name}', 'none') for name in names]
-            return 'none' not in distances and np.allclose(
-                np.array(distances, float), [distance, 0.0], atol=0.01) and (
-                    status.level == level) and status
-        return wait_for(fulfilled, what=f'a distance of {distance} m')
-    status_beside(0.3, 0.4, 0.5, DiagnosticStatus.OK)
-    far = status_beside(30.0, 40.0, 50.0, DiagnosticStatus.WARN)
-    assert 'uav1 is 50.0 m from its plan, beyond' in far.message
-    # The summary of the plan is told as well, and diagnostics tell the same.
-    assert 'guaranteed rate' in far.message
-    wait_for(lambda: any(far.message == message.status[0].message for message in diagnostics))
-    assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
-    status_beside(30.0, 40.0, 50.0, DiagnosticStatus.OK)
-    wait_for(lambda: fly_beside(0.0, 0.0) or told('rate') != 'none', what='the rate')
-    assert np.isfinite(float(told('planned_rate')))
-
-
 def requested_uav(message, now, plan=None, **changes):
     """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
     settings, book = {**DEFAULTS, 'start_delay': 30.0, **changes}, PoseBook()
@@ -118,14 +56,11 @@ def requested_uav(message, now, plan=None, **changes):
                         flight).scenario.uavs[0]
 
 
-@pytest.mark.parametrize('noise', [0.02, 0.3, 0.5])
-def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(noise):
-    rng = np.random.default_rng(5)
-    for _ in range(100):
-        speed = rng.normal(scale=noise, size=2).tolist()
-        uav = requested_uav(odometry(100.0, 500.0, speed, stamp=999.9), 1000.0, **{
-            'uav1.max_acceleration': 2.0, 'uav2.max_acceleration': 2.0})
-        assert math.dist(uav.start, (100.0, 500.0)) < 1.0 and uav.start_velocity == (0.0, 0.0)
+@given(st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)))
+def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(speed):
+    uav = requested_uav(odometry(100.0, 500.0, speed, stamp=999.9), 1000.0, **{
+        'uav1.max_acceleration': 2.0, 'uav2.max_acceleration': 2.0})
+    assert math.dist(uav.start, (100.0, 500.0)) < 2.0 and uav.start_velocity == (0.0, 0.0)
 
 
 @pytest.mark.parametrize('acceleration, braking', [(0.0, 0.0), (2.0, 6.25)])
@@ -194,6 +129,30 @@ def two_plans():
             for power in ('constant', 'optimised')]
 
 
+def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_the_tolerance(
+        two_plans):
+    plan, _ = two_plans
+    book, playback = PoseBook(), Playback(plan)
+    tracking = PlanTracking(book)
+    tracking.add_plan(plan, 1000.0)
+    assert tracking.status(DEFAULTS, 1001.0) == ([], {})  # Nobody flies.
+    for clock, offset, text in ((1020.0, (0.3, 0.4), None), (1020.2, (0.3, 0.4), None),
+                                (1020.4, (30.0, 40.0), 'uav1 is 50.0 m from its plan, beyond')):
+        report(tracking, plan, (clock, clock - 1000.0))
+        for uav, (name, off) in enumerate((('uav1', offset), ('uav2', (0.0, 0.0)))):
+            place = playback.at(clock - 1000.0).positions[uav] + off
+            book.take(f'{name}/odom', odometry(*place, stamp=clock), DEFAULTS, clock)
+        tracking.observe(DEFAULTS, clock)
+        problems, values = tracking.status(DEFAULTS, clock)
+        assert values['track.distance.uav1'] == pytest.approx(math.hypot(*offset))
+        assert values['track.distance.uav2'] == pytest.approx(0.0, abs=1e-6)
+        assert len(problems) == bool(text) and (text or '') in ''.join(problems)
+    assert tracking.status({**DEFAULTS, 'track_tolerance': 51.0}, clock)[0] == []
+    assert values['track.rate'] <= values['track.planned_rate']
+    values = tracking.status({**DEFAULTS, 'pose_timeout': 1.0}, 1030.0)[1]
+    assert values['track.distance.uav1'] == 'none'
+
+
 def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
     first, second = two_plans
     tracking = tracking_of(first)
@@ -243,17 +202,12 @@ def test_a_flight_whose_rate_changes_is_not_steady(two_plans):
     assert tracking.flight(1012.65).state == 'held'
     tracking.check_steady(1012.65)
     tracking.check_steady(1014.0)  # After a silence it stands.
-
-
-def test_a_flight_that_has_just_been_released_is_not_steady(two_plans):
-    plan, _ = two_plans
-    tracking = tracking_of(plan)
-    for clock in 1010.0 + np.arange(30) * 0.05:
-        report(tracking, plan, (clock, 10.0))
-        tracking.check_steady(clock)
-    report(tracking, plan, (1011.5, 10.001))
+    # One that has just been released.
+    report(tracking, plan, *((clock, 12.574) for clock in 1015.0 + np.arange(30) * 0.05))
+    tracking.check_steady(1016.45)
+    report(tracking, plan, (1016.5, 12.575))
     with pytest.raises(LateError):
-        tracking.check_steady(1011.5)
+        tracking.check_steady(1016.5)
 
 
 @pytest.mark.parametrize('age, word', [(1.5, 'past'), (-3.0, 'future')])
@@ -279,7 +233,8 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     book.take('uav1/odom', odometry(*place, stamp=1009.5), DEFAULTS, 1009.5)
     settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 0.0}
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
-        assert tracking.flight(now).time == 22.0
+        flight = tracking.flight(now)
+        assert (flight.time, flight.rate, flight.is_reported) == (22.0, 0.0, False)
         assert tracking.distances(settings, now)['uav1'] < 1e-3
 
 

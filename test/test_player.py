@@ -69,25 +69,15 @@ def plan_return(plan):
     return replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
 
 
-def test_a_plan_released_early_waits_at_its_start_and_begins_at_its_time(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    held = bench.run(4.0)
-    assert held.positions == pytest.approx(plan.scenario.starts) and not held.velocities.any()
+@pytest.mark.parametrize('released, lag', [(0.0, 0.0), (9.0, 4.0)], ids=['early', 'late'])
+def test_a_plan_is_flown_as_a_whole_from_its_time_or_from_a_later_release(plan, released, lag):
+    bench = start_flight(plan, 4.0 if not released else STEP, released)
+    start = bench.sent[0][1]
+    assert len(bench.sent) == (20 if not released else 1)  # None before the release.
+    assert start.positions == pytest.approx(plan.scenario.starts) and not start.velocities.any()
     bench.run(30.0)
-    assert bench.lag == pytest.approx(0.0, abs=1e-6)
-    assert bench.sent[-1][1].positions == pytest.approx(
-        Playback(plan).at(bench.player.flight.time).positions)
-
-
-def test_a_plan_released_late_is_flown_as_a_whole_with_a_delay(plan):
-    bench = Bench(plan)
-    bench.run(9.0)
-    assert not bench.sent
-    bench.player.start()
-    bench.run(30.0)
-    assert bench.sent[0][1].positions == pytest.approx(plan.scenario.starts)
-    assert bench.lag == pytest.approx(4.0 - bench.player.playback.begin, abs=STEP + 0.01)
+    late = lag and lag - bench.player.playback.begin
+    assert bench.lag == pytest.approx(late, abs=STEP + 0.01 if lag else 1e-6)
     end = bench.run(120.0)
     assert bench.player.ended and bench.player.largest_jump < 1e-9
     assert end.positions == pytest.approx(plan.scenario.goals)
@@ -98,14 +88,12 @@ def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
     assert bench.player.pause()
     held = bench.run(15.0)
     assert not held.velocities.any() and bench.player.flight.rate == 0.0
-    assert held.positions == pytest.approx(Playback(plan).at(bench.player.flight.time).positions)
     # The powers of the plan are for receivers at its time, which has passed.
     assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
     assert not bench.player.pause()
     bench.player.start()
-    flown = bench.run(10.0)
+    bench.run(10.0)
     assert bench.player.flight.rate == 1.0 and 14.99 < bench.lag < 25.0
-    assert np.array_equal(flown.powers, Playback(plan).at(bench.player.flight.time).powers)
 
 
 @pytest.mark.parametrize('slots', [200, 20000])
@@ -124,16 +112,23 @@ def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slo
     assert bench.player.ended and not bench.sent[-1][1].velocities.any()
 
 
-def test_a_plan_for_a_different_team_is_refused(plan):
-    bench = start_flight(plan, 30.0)
-    uavs = plan.scenario.uavs
-    for team in (uavs + (replace(uavs[1], name='uav3', altitude=120.0),), uavs[:1],
-                 (uavs[0], replace(uavs[1], name='uav3'))):
-        larger = fly_hover_fly(replace(plan.scenario, uavs=team))
-        for start_ns in (BEGIN, BEGIN + 60 * SECOND):
-            assert not bench.player.load(replace(larger, start_ns=start_ns))
-            assert "and ['uav1', 'uav2'] fly" in bench.refused[-1]
-    bench.run(1.0)
+TEAM = "and ['uav1', 'uav2'] fly"
+
+
+@pytest.mark.parametrize('change, reason', [
+    (lambda first, second: (first, second, replace(second, name='uav3', altitude=120.0)), TEAM),
+    (lambda first, second: (first,), TEAM),
+    (lambda first, second: (first, replace(second, name='uav3')), TEAM),
+    (lambda first, second: (replace(first, start=(100.013, 500.0)), second),
+     '0.013 m from the last one'),
+    (lambda first, second: (replace(first, altitude=150.0), second), '50 m from the last one')])
+def test_a_plan_for_another_team_or_from_elsewhere_is_refused_with_the_reason(
+        plan, change, reason):
+    bench = start_flight(plan, 3.0)
+    other = fly_hover_fly(replace(plan.scenario, uavs=change(*plan.scenario.uavs)))
+    for start_ns in (BEGIN, BEGIN + 60 * SECOND):
+        assert not bench.player.load(replace(other, start_ns=start_ns))
+        assert reason in bench.refused[-1]
 
 
 def test_an_ended_and_an_older_plan_are_never_played_again(plan):
@@ -186,14 +181,39 @@ def plan_continuation(bench, plan, ahead):
     return replace(next_plan, start_ns=bench.now + round(ahead * SECOND) + lead)
 
 
-def test_a_new_plan_is_spliced_in_at_its_time_without_a_jump(plan):
+@pytest.mark.parametrize('ahead, before_pause', [(3.0, None), (6.0, 1.0), (1.0, 0.8)])
+def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahead, before_pause):
     bench = start_flight(plan, 20.0, released=8.0)
-    next_plan = plan_continuation(bench, plan, 3.0)
+    next_plan = plan_continuation(bench, plan, ahead)
     bench.player.load(next_plan)
     assert bench.player.playback.plan is plan
-    bench.run(4.0)
+    if before_pause:
+        bench.run(before_pause)
+        assert bench.player.pause()
+        assert not bench.run(20.0).velocities.any()
+        bench.player.start()
+    bench.run(15.0)
     assert bench.player.playback.plan is next_plan and not bench.refused
-    assert bench.lag == pytest.approx(0.0, abs=1e-6)
+    assert 10.0 < bench.lag < 30.0 if before_pause else bench.lag == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('is_paused', [False, True])
+def test_a_plan_back_begins_after_the_flight_at_its_own_time_and_not_in_a_pause(plan, is_paused):
+    bench = start_flight(plan, 25.0)
+    home = plan_return(plan)
+    bench.player.load(home)
+    bench.run(bench.player.playback.duration - bench.player.flight.time - 0.5)
+    if is_paused:
+        bench.player.pause()
+        assert not bench.run(60.0).velocities.any() and not bench.player.playing
+        bench.player.start()
+        bench.run(5.0)
+    else:
+        held = bench.run(15.0)
+        assert held.positions == pytest.approx(plan.scenario.goals) and not held.velocities.any()
+    bench.run(30.0)
+    assert bench.player.playback.plan is home and not bench.refused
+    assert is_paused or bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
@@ -202,20 +222,6 @@ def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
     bench.run(0.6)
     assert not bench.player.load(next_plan)
     assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
-
-
-@pytest.mark.parametrize('ahead, before', [(6.0, 1.0), (1.0, 0.8)], ids=['early', 'at its time'])
-def test_a_pause_delays_a_pending_plan(plan, ahead, before):
-    bench = start_flight(plan, 20.0, released=8.0)
-    next_plan = plan_continuation(bench, plan, ahead)
-    bench.player.load(next_plan)
-    bench.run(before)
-    assert bench.player.pause()
-    assert not bench.run(20.0).velocities.any()
-    bench.player.start()
-    bench.run(15.0)
-    assert bench.player.playback.plan is next_plan and not bench.refused
-    assert 10.0 < bench.lag < 30.0
 
 
 def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
@@ -229,41 +235,6 @@ def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
     bench.player.start()
     bench.run(5.0)
     assert bench.player.flight.time > next_plan.scenario.slot_duration and not bench.refused
-
-
-def test_a_pause_before_the_end_holds_a_pending_plan(plan):
-    bench = start_flight(plan, 25.0)
-    home = plan_return(plan)
-    bench.player.load(home)
-    while bench.player.flight.time < bench.player.playback.duration - 0.5:
-        bench.run(STEP)
-    bench.player.pause()
-    assert not bench.run(60.0).velocities.any() and not bench.player.playing
-    bench.player.start()
-    bench.run(20.0)
-    assert bench.player.playback.plan is home and not bench.refused
-
-
-@pytest.mark.parametrize('fields, distance', [
-    ({'start': (100.013, 500.0)}, '0.013'), ({'altitude': 150.0}, '50')])
-def test_a_plan_from_elsewhere_is_refused_with_the_distance(plan, fields, distance):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(3.0)
-    elsewhere = replace(plan.scenario, uavs=(
-        replace(plan.scenario.uavs[0], **fields), plan.scenario.uavs[1]))
-    bench.player.load(replace(fly_hover_fly(elsewhere), start_ns=BEGIN + 60 * SECOND))
-    assert f'{distance} m from the last one' in bench.refused[0]
-
-
-def test_a_pending_plan_begins_after_the_flight_at_its_own_time(plan):
-    bench = start_flight(plan, 25.0)
-    home = plan_return(plan)
-    bench.player.load(home)
-    held = bench.run(119.0)
-    assert held.positions == pytest.approx(plan.scenario.goals) and not held.velocities.any()
-    bench.run(30.0)
-    assert bench.player.playback.plan is home and bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
@@ -340,8 +311,14 @@ class AnyOrder(RuleBasedStateMachine):
                     assert math.dist(moment.velocities[index], self.last.velocities[index]) <= (
                         uav.max_acceleration * scale**2 * self.since + 2e-3)
         # A lower playback speed is reached by and by.
-        rate = self.player.flight.rate
+        flight = self.player.flight
+        rate = flight.rate
         assert rate <= max(self.speed, self.rate) + 1e-9
+        # They are on the curve, and a UAV that is held is silent.
+        planned = flight.playback.at(flight.time)
+        assert (moment.positions == planned.positions).all()
+        assert (moment.velocities == rate * planned.velocities).all()
+        assert (moment.powers == (planned.powers if rate else 0.0)).all()
         self.last, self.since, self.rate = moment, 0.0, rate
         self.fastest = max(self.speed, rate)
 

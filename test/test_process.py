@@ -28,12 +28,16 @@ def test_a_signal_in_the_middle_of_a_solve_ends_the_node_and_the_solve(number, m
         assert not answer.result().success
 
 
-@pytest.mark.parametrize('node', ['planner', 'replay'])
-def test_an_idle_node_stops_cleanly_and_says_no_more_than_that_it_is_ready(node):
-    with node_process(node) as process:
+def test_a_signal_ends_an_idle_node_that_said_no_more_than_ready_and_a_planner_in_a_bound():
+    with node_process('replay') as process:
         wait_for(lambda: process.lines, what='the first line')
         assert stopped(process) == 0
         assert 'ready' in output_of(process) and len(process.lines) == 1
+    with Client() as client, node_process('planner', bound='after', pose_timeout=0.0) as process:
+        wait_for(lambda: process.lines, what='the first line')
+        assert 'ready' in process.lines[0] and len(process.lines) == 1
+        client.plan_paper()
+        assert stopped(process) == 0
 
 
 def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():

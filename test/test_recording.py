@@ -10,10 +10,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.ros.recording import record
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
+from test_tracks import drive
 import yaml
 
 
@@ -54,7 +56,7 @@ def test_the_command_writes_the_same_recording_on_request(tmp_path):
     assert str(written) == str(again) and sum(map(len, written.values())) > 100
 
 
-def test_every_topic_of_both_nodes_is_there_with_its_type(read):
+def test_every_topic_of_both_nodes_is_there_with_its_type_and_latched_as_it_is(read, file):
     expected = {'/ground_node/pose': 'PoseStamped', '/eavesdropper/pose':
                 'PoseWithCovarianceStamped'}
     for node in ('planner', 'replay'):
@@ -65,14 +67,28 @@ def test_every_topic_of_both_nodes_is_there_with_its_type(read):
     for topic in ('/diagnostics', '/plan_time'):
         del expected[topic]
     assert {topic: entries[0][1].rpartition('/')[2] for topic, entries in read.items()} == expected
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    offered = {channel.topic: yaml.safe_load(channel.metadata['offered_qos_profiles'])[0]
+               for channel in summary.channels.values()}
+    assert offered['/uav1/path']['durability'] == LATCHED.durability.name.lower()
+    assert offered['/uav1/odom']['durability'] == 'volatile'
 
 
-def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):
-    scenario = replace(plan.scenario, eavesdroppers=(
-        Eavesdropper((200.0, 0.0), 10.0, 'listener'), Eavesdropper((0.0, 150.0), 10.0, 'mallory')))
-    record(fly_hover_fly(scenario), tmp_path / 'plan.mcap', rate=1.0)
-    assert {topic for topic in messages(tmp_path / 'plan.mcap') if re.fullmatch(
-        '/[^/]+/pose', topic)} == {'/ground_node/pose', '/listener/pose', '/mallory/pose'}
+def test_every_receiver_has_a_topic_of_its_name_and_moves_and_markers_show_its_way(tmp_path):
+    scenario = drive(Scenario.paper(120, slots=30))
+    moving, = scenario.eavesdroppers
+    record(fly_hover_fly(replace(scenario, eavesdroppers=(
+        replace(moving, name='car'), Eavesdropper((0.0, 150.0), 10.0, 'mallory')))),
+        tmp_path / 'plan.mcap', rate=1.0)
+    topics = messages(tmp_path / 'plan.mcap')
+    assert {topic for topic in topics if re.fullmatch('/[^/]+/pose', topic)} == {
+        '/ground_node/pose', '/car/pose', '/mallory/pose'}
+    places = [message.pose.pose.position.y for _, _, message in topics['/car/pose']]
+    assert len(places) == 32 and places[15] == pytest.approx(0.0) and places[-1] == 300.0
+    way, = (marker for marker in topics['/planner/markers'][-1][2].markers
+            if marker.ns == 'track')
+    assert (way.points[0].y, way.points[-1].y) == (-300.0, 300.0)
 
 
 def test_zones_fence_and_distances_are_recorded(tmp_path):
@@ -88,7 +104,7 @@ def test_zones_fence_and_distances_are_recorded(tmp_path):
         float(values['plan.guaranteed_rate']), abs=0.01)
 
 
-def test_the_plan_can_be_read_back_from_it(read, plan):
+def test_the_plan_and_its_replay_to_the_goal_can_be_read_back_with_its_rate(read, plan, file):
     for index, name in enumerate(('uav1', 'uav2')):
         (_, _, path), = read[f'/{name}/path']
         assert path.header.frame_id == 'earth'
@@ -96,9 +112,6 @@ def test_the_plan_can_be_read_back_from_it(read, plan):
                         ) == pytest.approx(plan.positions[index])
         (_, _, power), = read[f'/{name}/power']
         assert np.array(power.data) == pytest.approx(plan.powers[index])
-
-
-def test_the_replay_ends_at_the_goal_and_delivers_the_worst_case_rate(read, plan):
     times = [time for time, _, _ in read['/uav1/odom']]
     assert np.diff(times).max() == 500_000_000 and times[-1] == 108_000_000_000
     assert read['/uav1/odom'][-1][2].pose.pose.position.y == -500.0
@@ -106,24 +119,11 @@ def test_the_replay_ends_at_the_goal_and_delivers_the_worst_case_rate(read, plan
              if time >= 4_000_000_000][:-1]
     # Sampled between the points, the rate is only nearly that of the points.
     assert np.mean(rates) == pytest.approx(plan.worst_case_rate, rel=0.05)
-
-
-def test_latched_topics_are_offered_latched(file):
-    with file.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    offered = {channel.topic: yaml.safe_load(channel.metadata['offered_qos_profiles'])[0]
-               for channel in summary.channels.values()}
-    assert offered['/uav1/path']['durability'] == LATCHED.durability.name.lower()
-    assert offered['/uav1/odom']['durability'] == 'volatile'
-
-
-def test_rosbags_opens_it_as_well(file, plan):
-    from rosbags.highlevel import AnyReader
-    with AnyReader([file]) as reader:
+    with AnyReader([file]) as reader:  # rosbags opens it as well.
         connections = [connection for connection in reader.connections
                        if connection.topic == '/uav1/setpoint/pose']
-        last = [reader.deserialize(data, connection.msgtype)
-                for connection, _, data in reader.messages(connections)][-1]
+        *_, last = (reader.deserialize(data, connection.msgtype)
+                    for connection, _, data in reader.messages(connections))
     assert last.pose.position.y == -500.0
 
 

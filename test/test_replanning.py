@@ -1,4 +1,4 @@
-"""When a replan is due and where it begins, without a node; and a mission of many replans."""
+"""When a replan is due, where it begins, and what is promised meanwhile, without a node."""
 
 from dataclasses import replace
 
@@ -6,26 +6,23 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import (
-    DEFAULTS, node_process, PATIENCE, pose_message, seconds, set_variance, stamp_at, wait_for)
-from secure_uav_planner import Scenario, solve
+from ros_client import DEFAULTS, odometry_message, pose_message, set_variance, stamp_at
+from secure_uav_planner import Eavesdropper, Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
-from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
-from simulation import plan_of, received, Simulation
 
 START = 1000  # of the plan, in s
 
 
 class Bench:
     """
-    A plan in flight, poses, and the replans that are due.
+    A plan in flight, poses, and the replans that are due, which their follower adopts at once.
 
     :ivar late: s by which the flight, as its follower reports it, is later than its stamps; None
         for a test that reports itself.
@@ -34,19 +31,27 @@ class Bench:
     """
 
     def __init__(self, plan):
-        self.plan = plan
-        self.poses = PoseBook()
+        self.plan, self.poses = plan, PoseBook()
         self.tracking = PlanTracking(self.poses)
         self.tracking.add_plan(plan, START)
         self.published, self.refused = [], []
         self.late, self.solving = 0.0, 0.0
         self.replanning = Replanning(self.poses, self.tracking)
 
+    def report(self, clock, time=None):
+        """Report the time of the plan at a time of the clock, in s from START."""
+        message = plan_time(self.plan, max(0.0, clock - self.late) if time is None else time,
+                            stamp_at(START + clock))
+        self.tracking.add_report(message, START + clock)
+
+    def fly(self, now):
+        if self.late is not None:
+            self.report(now - 0.25 - START)
+            self.report(now - START)
+
     def replan(self, last, now, **settings):
         settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
-        if self.late is not None:
-            report(self, now - 0.25 - START)
-            report(self, now - START)
+        self.fly(now)
         reason = self.replanning.find_reason(last, settings, now)
         if not reason:
             return
@@ -56,45 +61,44 @@ class Bench:
             plan = rejoin.splice(solve(
                 rejoin.scenario, method=settings['method'], objective=objective_from(settings),
                 initial=rejoin.tail, time_limit=remainder.time_limit))
+            plan = replace(plan, promised_until=remainder.receivers.promised_until)
             ready = now + self.solving
-            if self.late is not None:
-                report(self, ready - 0.25 - START)
-                report(self, ready - START)
+            self.fly(ready)
             remainder.check_in_time(rejoin, self.tracking.flight(ready), ready)
         except PlanningError as error:
             self.replanning.fail(remainder)
             self.refused.append(error)
         else:
             self.published.append((plan, rejoin.effect))
+            begin = (rejoin.first + 1) * plan.scenario.slot_duration
+            self.tracking.add_plan(plan, ready, remainder.clock, begin)
+            self.replanning.end(ready, begin)
+            self.plan = plan
 
-    def add_pose(self, kind, topic, x, y, now, variance=0.0):
-        message = pose_message(kind, x, y)
-        if variance:
-            set_variance(message.pose.covariance, variance)
+    def add_pose(self, topic, message, now):
         self.poses.take(topic, message, DEFAULTS, now)
 
-    def check(self, time, eavesdropper=(200.0, 0.0), offset=None, variance=0.0, **settings):
+    def check(self, time, eavesdropper=(200.0, 0.0), offset=None, variance=0.0, velocity=None,
+              **settings):
         """
         Check at a time of the clock in s from START.
 
         :param offset: of the first UAV from its plan in m.
         :param variance: of the eavesdropper's estimate in m^2.
+        :param velocity: of the eavesdropper in m/s, if it sends odometry.
         """
-        now = START + time
-        self.add_pose(PoseStamped, 'ground_node/pose', 0, 0, now)
-        self.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now,
-                      variance)
+        now, estimate = START + time, pose_message(PoseWithCovarianceStamped, *eavesdropper)
+        set_variance(estimate.pose.covariance, variance)
+        self.add_pose('ground_node/pose', pose_message(PoseStamped, 0, 0), now)
+        if velocity is None:
+            self.add_pose('eavesdropper/pose', estimate, now)
+        else:
+            self.add_pose('eavesdropper/odom', odometry_message(
+                *eavesdropper, velocity, variance=variance, velocity_variance=0.01), now)
         if offset is not None:
             place = Playback(self.plan).at(time).positions[0] + offset
-            self.add_pose(Odometry, 'uav1/odom', *place, now)
+            self.add_pose('uav1/odom', pose_message(Odometry, *place), now)
         self.replan(self.plan, now, **settings)
-
-
-def report(bench, clock, time=None):
-    """Add a report of the time of the plan at a time of the clock, in s from START."""
-    message = plan_time(bench.plan, max(0.0, clock - bench.late) if time is None else time,
-                        stamp_at(START + clock))
-    bench.tracking.add_report(message, START + clock)
 
 
 @pytest.fixture(scope='module')
@@ -176,9 +180,9 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
     for clock in np.arange(0.0, 60.0, 0.25):
         # Released 4 s late, and held at 30 s.
         time = min(max(0.0, clock - 4.0), 30.0)
-        report(bench, clock, time)
+        bench.report(clock, time)
         place = Playback(plan).at(time).positions[0]
-        bench.add_pose(Odometry, 'uav1/odom', *place, START + clock)
+        bench.add_pose('uav1/odom', pose_message(Odometry, *place), START + clock)
         bench.check(clock, **settings)
     assert not bench.published and not bench.refused
     flight = bench.tracking.flight(START + 59.75)
@@ -194,20 +198,9 @@ def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, 
     assert (replan.positions[:, :14] == plan.positions[:, :14]).all()
 
 
-def test_the_flight_of_a_silent_follower_stands_still(bench):
-    for clock in (39.5, 40.0):
-        report(bench, clock)
-    bench.late = None
-    assert bench.tracking.flight(START + 40.5).rate == 1.0
-    silent = bench.tracking.flight(START + 50.0)
-    assert silent.rate == 0.0 and not silent.is_reported
-    bench.check(50.0, (160.0, 0.0), replan_distance=5.0)
-    assert not bench.published
-
-
 def test_however_many_plans_wait_the_plan_in_flight_is_tracked(bench, plan):
     for number in range(20):
-        report(bench, 40.0 + number)
+        bench.report(40.0 + number)
         bench.tracking.add_plan(
             replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
         assert bench.tracking.flight(START + 40 + number).playback.plan is plan
@@ -217,11 +210,9 @@ def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(ben
     refused = replace(plan, powers=plan.powers * 0.9)
     bench.tracking.add_plan(refused, START + 5.0)
     for clock in (7.0, 8.0, 9.95, 10.0):
-        report(bench, clock)
+        bench.report(clock)
     assert bench.tracking.flight(START + 10.0).playback.plan is plan
-    bench.add_pose(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
-    bench.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
-    bench.replan(refused, START + 10.0, replan_period=1.0)
+    bench.check(10.0, replan_period=1.0)
     (replan, effect), = bench.published
     assert effect == 15.0 and (replan.powers[:, :5] == plan.powers[:, :5]).all()
 
@@ -234,40 +225,38 @@ def test_a_replan_that_comes_too_late_for_its_follower_is_refused(bench, left, r
     assert all(isinstance(error, LateError) for error in bench.refused)
 
 
-def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(client):
-    began, duration = [], 200.0
+def car_at(time):
+    return 200.0, 12.0 * (time - 60.0)
 
-    def where(now):
-        """Return a place beside the ground node at first, and 250 m away in the end."""
-        share = min(1.0, max(0.0, (now - began[0]) / duration)) if began else 0.0
-        return 60.0 + 190.0 * share, -120.0 * share
 
-    def send(now):
-        stamp = stamp_at(now)
-        client.send_pose('ground_node/pose', 0, 0, stamp=stamp, until_known=False)
-        client.send_estimate('eavesdropper/pose', *where(now), stamp=stamp, until_known=False)
+def test_a_promise_that_has_ended_is_told_and_a_replan_comes_before():
+    track = tuple((time, *car_at(time), 5.0) for time in (0.0, 10.0))
+    scenario = replace(Scenario.paper(120.0, slots=40), eavesdroppers=(
+        Eavesdropper(car_at(0.0), 5.0, track=track),))
+    plan = replace(solve(scenario), start_ns=START * 10**9, promised_until=10.0)
 
-    with node_process('planner', use_sim_time='true', replan_distance=4.0, replan_lead=4.0,
-                      slots=100, pose_timeout=0.0), \
-            Simulation(client, send, speedup=8) as simulation:
-        paths, powers = received(client)
-        wait_for(lambda: client.call('planner/plan').success)
-        began.append(simulation.now)
-        client.follow(lambda: simulation.now)
-        wait_for(lambda: simulation.now > began[0] + duration, patience=10 * PATIENCE,
-                 what='the end of the mission')
-        replans = int(client.status['replans'])
-        assert replans >= 20
-        wait_for(lambda: min(map(len, paths + powers)) > replans, what='the last plan')
-        count = min(map(len, paths + powers))
-    assert {seconds(path.header.stamp) for path in paths[0]} == {seconds(paths[0][0].header.stamp)}
-    scenario = Scenario.paper(duration, slots=100)
-    times = seconds(paths[0][0].header.stamp) + 2.0 * np.arange(1, 101)
-    # Each is a feasible flight over all of the mission.
-    first, *_, flown = (plan_of(scenario, paths, powers, index) for index in range(count))
-    truth = np.array([where(at) for at in times])
-    before, after = (np.maximum(channel.secrecy_rates(
-        scenario, plan.positions, plan.powers, truth), 0).mean() for plan in (first, flown))
-    print(f'secrecy rate without replanning {before:.3f}, with {replans} replans {after:.3f} '
-          'bit/s/Hz')
-    assert after > 1.05 * before
+    def problems(bench, clock):
+        return [text for text in bench.tracking.status(DEFAULTS, START + clock)[0]
+                if 'the promise' in text]
+
+    for replan_distance, expected in ((0.0, 1), (900.0, 0)):
+        bench = Bench(plan)
+        for clock in range(30):
+            bench.check(clock, car_at(clock), velocity=(0.0, 12.0), variance=4.0,
+                        replan_distance=replan_distance)
+            bench.tracking.check_promise(START + clock)
+            assert len(problems(bench, clock)) == (expected if clock >= 10.0 else 0), clock
+        assert (len(bench.published) >= 2) == (not expected)
+        if expected:
+            assert problems(bench, clock) == [
+                f'the promise of plan {plan.identity} ended at 10.0 s: the receivers that move '
+                'are predicted no further; plan again']
+
+
+def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(bench):
+    settings = {'velocity': (0.0, 3.0), 'replan_period': 1000.0, 'prediction_horizon': 200.0}
+    bench.check(5.0, (200.0, -100.0), **settings)
+    bench.check(20.0, (200.0, -55.0), **settings)
+    assert len(bench.published) == 1
+    bench.check(30.0, (230.0, -55.0), **{**settings, 'velocity': (3.0, 0.0)})
+    assert len(bench.published) == 2 and not bench.refused

@@ -1,27 +1,24 @@
-"""The replay node, in a process of its own over DDS."""
+"""The replay node over DDS."""
 
 from dataclasses import replace
 from itertools import pairwise
-import math
-import shutil
-import subprocess
 import time
 
-from fuzzing import check_abnormal
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import node_here, node_process, refusal, wait_for, wait_for_line
+from rclpy.clock import ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from ros_client import node_here, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.topics import LATCHED, TOPICS
+from secure_uav_planner.ros.replay import Replay
+from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
-from strategies import with_uavs
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
 @pytest.fixture(scope='module')
@@ -54,6 +51,8 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
     with node_here('replay', plan_file=file, speed=20.0, rate=50.0,
                    true_eavesdropper='[204.0, 3.0]') as process:
+        assert not client.set_parameters('replay', true_eavesdropper=[1.0])[0].successful
+        assert not client.set_parameters('replay', frame_id='odom')[0].successful
         assert client.call('replay/start').success
         line = wait_for(lambda: end_of(process), what='the end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
@@ -119,28 +118,25 @@ def got(process):
     return sum('got a plan' in line for line in process.lines)
 
 
-def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, poses, plan):
+def test_autostart_begins_neither_a_late_plan_nor_a_replan_of_one_that_is_paused(
+        client, poses, plan):
     with node_here('replay', autostart='true') as process:
         send(client, plan, begins_at(-60.0))
         wait_for_line(process, 'is not started: its time has passed; ~/start plays it')
         assert not client.call('replay/pause').success and not poses
         assert client.call('replay/start').success
         wait_for(lambda: poses)
-
-
-def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, poses, plan):
-    with node_here('replay', autostart='true') as process:
+        assert client.call('replay/reset').success
         start_ns = begins_at(3600.0)
         send(client, plan, start_ns)
-        wait_for(lambda: len(poses) > 3)
-        assert client.call('replay/pause').success
+        wait_for(lambda: client.call('replay/pause').success)
         # A plan of the same flight.
         send(client, replace(plan, powers=plan.powers * 0.5), start_ns)
-        wait_for(lambda: got(process) == 2)
+        wait_for(lambda: got(process) == 3)
         assert not client.call('replay/pause').success
         # Another flight, from where the setpoints rest.
         send(client, plan, start_ns + 10**9)
-        wait_for(lambda: got(process) == 3)
+        wait_for(lambda: got(process) == 4)
         assert client.call('replay/pause').success
 
 
@@ -172,7 +168,8 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
 
 
-def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, poses, file):
+def test_the_time_of_the_plan_is_told_often_and_at_once_after_a_start_and_a_pause(
+        client, poses, file):
     times = client.listen(TimeReference, 'plan_time', 1000)
 
     def stamps_of(received):
@@ -185,10 +182,7 @@ def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, pos
             sum(begin < stamp <= end for stamp in stamps_of(times)) >= 8
             for begin, end in pairwise(stamps_of(poses))), what='8 reports in 2 s')
         assert poses[0].pose.position.y == 500.0  # The start itself.
-
-
-def test_a_start_and_a_pause_tell_the_time_of_the_plan_at_once(client, file):
-    times = client.listen(TimeReference, 'plan_time', 1000)
+    times.clear()
     # Nobody sends the simulated time, so that nothing else tells it.
     with node_here('replay', plan_file=file, use_sim_time='true'):
         wait_for(lambda: client.call('replay/start').success and times)
@@ -218,94 +212,37 @@ def test_a_start_waits_for_the_rest_of_a_plan_until_that_comes_or_it_is_withdraw
             wait_for(lambda: poses, what='the flight')
 
 
-def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(
-        client, poses, plan):
-    topics = {topic.replace('<uav>', 'uav1'): kind.kind for topic, kind in {
-        **TOPICS['replay', 'sub'], '<uav>/odom': TOPICS['replay', 'pub']['<uav>/odom']}.items()}
-    with node_here('replay', autostart='true') as process, node_process(
-            'replay', '-r', '__node:=vehicles', vehicle_odometry='true') as vehicles:
-        send(client, plan, begins_at(3600.0))
-        wait_for(lambda: poses)
+def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, monkeypatch):
+    timers, behind, create_timer = [], [0.0], Node.create_timer
 
-        def publish(topic, message):
-            # With the rest of a plan, so that it is used.
-            for name, part in messages.plan_messages(plan, 'earth'):
-                if name != topic and name.endswith(('/path', '/power')):
-                    if name.endswith('/power'):
-                        part.layout.dim = part.layout.dim[:1]
-                    client.publisher(type(part), name, LATCHED).publish(part)
-            qos = 10 if topic.endswith('/odom') else LATCHED
-            client.publisher(type(message), topic, qos).publish(message)
+    class SetBack:
+        """The clock of a node, which is set back."""
 
-        for node, name in ((process, 'replay'), (vehicles, 'vehicles')):
-            check_abnormal(node, publish, topics, lambda: client.call(f'{name}/start'))
-        count = len(poses)
-        wait_for(lambda: len(poses) > count + 3)
+        def __init__(self, node):
+            self._clock = Node.get_clock(node)
+            self.ros_time_is_active = False
 
+        def now(self):
+            return self._clock.now() - Duration(seconds=behind[0])
 
-# For a process whose system clock is as many s off as a file is long in bytes, backward.
-SHIFTED_CLOCK = """
-#define _GNU_SOURCE
-#include <stdlib.h>
-#include <sys/stat.h>
-#include <sys/syscall.h>
-#include <time.h>
-#include <unistd.h>
+    def note_timer(*arguments, **options):
+        timers.append(create_timer(*arguments, **options))
+        return timers[-1]
 
-int clock_gettime(clockid_t clock, struct timespec *now) {
-  int result = syscall(SYS_clock_gettime, clock, now);
-  struct stat file;
-  if (!result && clock == CLOCK_REALTIME && !stat(getenv("CLOCK_BEHIND"), &file))
-    now->tv_sec -= file.st_size;
-  return result;
-}
-"""
-
-
-@pytest.fixture
-def set_back(tmp_path, monkeypatch):
-    """Return a function that sets the clock of processes, which start from now on, back by s."""
-    if shutil.which('gcc') is None:
-        pytest.skip('the clock of a process is changed by a library, which gcc builds')
-    library, file = tmp_path / 'clock.so', tmp_path / 'behind'
-    subprocess.run(['gcc', '-shared', '-fPIC', '-x', 'c', '-', '-o', library],
-                   input=SHIFTED_CLOCK, text=True, check=True)
-    monkeypatch.setenv('LD_PRELOAD', str(library))
-    monkeypatch.setenv('CLOCK_BEHIND', str(file))
-    return lambda seconds: file.write_bytes(bytes(seconds))
-
-
-def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, tmp_path, set_back):
-    file = tmp_path / 'plan.json'
+    monkeypatch.setattr(Replay, 'get_clock', lambda node: SetBack(node))
+    monkeypatch.setattr(Replay, 'create_timer', note_timer)
     replace(plan, start_ns=begins_at(0.0)).save(file)
-    with node_process('replay', plan_file=file):
+    with node_here('replay', plan_file=file):
         assert client.call('replay/start').success
         wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
-        before = poses[-1]
-        set_back(3600)
+        before, behind[0] = poses[-1], 3600.0
         wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
         wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
         assert client.call('replay/pause').success
         # It has begun, although its time is to come once more.
         assert client.call('replay/start').message.partition(': playing')[1]
-
-
-@pytest.mark.parametrize('text, reason', [
-    (None, ''), ('{"format": "other"}', ' is not a plan'), ('[1, 2', ' is not a plan')])
-def test_a_file_that_is_no_plan_ends_the_node_with_one_clear_line(tmp_path, capfd, text, reason):
-    path = tmp_path / 'foreign.json'
-    if text is not None:
-        path.write_text(text)
-    line = refusal(capfd, 'replay', plan_file=path)
-    assert 'parameter plan_file' in line and f'foreign.json{reason}' in line
-
-
-def test_the_wrong_eavesdropper_and_a_new_frame_of_a_saved_plan_are_refused(client, file):
-    with node_here('replay', plan_file=file):
-        result = client.set_parameters('replay', true_eavesdropper=[1.0])[0]
-        assert not result.successful and 'true_eavesdropper' in result.reason
-        assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
-        assert not client.set_parameters('replay', frame_id='odom')[0].successful
+        # What calls it is not set back.
+        assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
 
 
 def test_messages_that_make_no_plan_are_told_once_and_leave_the_last_plan(client, plan):
@@ -330,41 +267,3 @@ def test_messages_that_make_no_plan_are_told_once_and_leave_the_last_plan(client
         # Somebody publishes trajectories, so that they are waited for.
         send(client, plan, 14 * 10**17, keep, ('path', 'power'))
         wait_for_line(process, 'no new message on uav1/trajectory, uav2/trajectory')
-
-
-@pytest.fixture(scope='module')
-def smooth():
-    """Return a plan with limits of acceleration."""
-    return fly_hover_fly(with_uavs(
-        Scenario.paper(120.0, slots=30), max_acceleration=1.5), 'optimised')
-
-
-def test_setpoints_are_on_the_curve_of_the_trajectories_and_have_its_velocity(
-        client, poses, smooth):
-    speed = 10.0
-    setpoints = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
-    with node_here('replay', speed=speed, rate=50.0) as process:
-        answer = client.call('replay/start')
-        assert not answer.success and answer.message == 'there is no plan yet'
-        send(client, smooth, 10**18)
-        wait_for_line(process, 'got a plan of 30 slots')
-        assert not setpoints  # Nobody asked for it to start.
-        assert client.call('replay/start').success
-        wait_for(lambda: setpoints and (
-            setpoints[-1].points[0].transforms[0].translation.y == -500.0), what='the goal')
-    curve = Curve(smooth.scenario, smooth.positions)
-    motion = curve.at(np.linspace(curve.begin, curve.end, 20001))
-    for message in setpoints:
-        assert (message.header.frame_id, message.joint_names) == ('earth', ['uav1'])
-        point, = message.points
-        place, velocity, acceleration = (
-            point.transforms[0].translation, point.velocities[0].linear,
-            point.accelerations[0].linear)
-        apart = np.linalg.norm(motion.positions[0] - (place.x, place.y), axis=-1)
-        assert apart.min() < 0.05 and place.z == smooth.scenario.uavs[0].altitude
-        assert [velocity.x / speed, velocity.y / speed] == pytest.approx(
-            motion.velocities[0, apart.argmin()], abs=0.1)
-        assert math.hypot(acceleration.x, acceleration.y) <= 1.5 * speed**2 + 1e-6
-    # The points are farther from the curve than that: nobody flies straight between them.
-    corners = curve.at(smooth.times).positions - smooth.positions
-    assert np.linalg.norm(corners, axis=-1)[0].max() > 0.5

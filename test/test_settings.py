@@ -1,6 +1,7 @@
 """Parameters of nodes: what a start accepts, what is checked when, and what comes back."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import count
 import math
 
@@ -10,8 +11,8 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from ros_client import Client, DEFAULTS, node_process, refusal, wait_for_line
-from secure_uav_planner import Scenario
+from ros_client import DEFAULTS, node_here, refusal
+from secure_uav_planner import GroundNode, Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.mission import METHODS, OBJECTIVES
 from secure_uav_planner.mission.polygons import MAX_VERTICES
@@ -22,14 +23,12 @@ from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
     PLANNER, read_fields, read_specs, RELAY, REPLAY, Spec)
 from secure_uav_planner.ros.settings import (
-    airspace_from, load_mission, mission_values, Settings, uav_from)
+    airspace_from, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
 from std_msgs.msg import Float64
 from strategies import scenarios
 import yaml
 
-EMPTY = {'geofence': [], 'no_fly_zones': [], 'uav1__start_velocity': [],
-         'uav2__goal_velocity': []}
 SPECS = {'rate': Spec(1.0, 'A rate.', (0.0, 9.0)), 'name': Spec('a', 'A name.', length=(0, 5)),
          'names': Spec(['a'], 'Names.', length=(1, 3))}
 
@@ -123,21 +122,85 @@ def test_choices_and_lengths_in_the_table_of_parameters_are_those_of_the_package
     assert read_specs('eavesdropper', 'eve')['eve.max_speed'].limits[1] == MAX_SPEED
 
 
-def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
-    with node_process('planner', bound='off', **EMPTY), Client() as client:
-        names = [name.replace('__', '.') for name in EMPTY]
-        assert client.get_parameters('planner', 'bound', *names) == ['off', *[[]] * 4]
-    with node_process('replay', true_eavesdropper=[]) as process:
-        wait_for_line(process, 'ready')
-    assert 'parameter uavs is []; it must be a list of 1 to 32 names' in refusal(
-        capfd, 'planner', uavs=[])
+# What a start says
+
+FILES = {'foreign.json': '{"format": "other"}', 'broken.json': '[1, 2',
+         'lacks.yaml': 'duration: 5', 'nodes.yaml': '/**: {ros__parameters: {}}'}
+NO_NAMES = 'it must be a list of 1 to 16 names of letters, digits and _'
 
 
-@pytest.mark.parametrize('file', ['no/plan.json', '~/plan.json'])
-def test_a_plan_file_in_a_folder_that_is_not_there_is_refused_at_the_start(capfd, tmp_path, file):
-    path = file if file.startswith('~') else tmp_path / file
-    assert f'parameter plan_file: {path} must be in a folder that is there' in refusal(
-        capfd, 'planner', plan_file=path)
+@pytest.mark.parametrize('node, parameters, reason', [
+    ('planner', {'slots': 'many'}, 'slots'), ('planner', {'uavs': '[a, a]'}, 'uavs'),
+    ('planner', {'uavs': []}, 'parameter uavs is []; it must be a list of 1 to 32 names'),
+    ('planner', {'uav2.peak_power': 0.1}, 'uav2.peak_power'),
+    ('planner', {'uav1.max_acceleration': 2.0, 'uav1.start_velocity': '[20.0, 0.0]'},
+     'uav1.start_velocity'),
+    ('planner', {'no_fly_zones': '[tower]'}, 'tower.vertices is []; it must be a list of 6'),
+    ('planner', {'no_fly_zones': '[uav1]'}, 'no_fly_zones give the names'),
+    ('planner', {'ground_nodes': "['barn', 'a-b']"}, f"['barn', 'a-b']; {NO_NAMES}"),
+    ('planner', {'ground_nodes': "['barn', 'uav1']"},
+     "['uav1', 'uav2', 'barn', 'uav1', 'eavesdropper']; they must be unique"),
+    ('planner', {'ground_nodes': "['barn']", 'barn.weight': 0.0},
+     'barn.weight is 0.0; it must be a number'),
+    ('planner', {'mission_file': 'farm.yaml'}, f"['north farm']; {NO_NAMES}"),
+    ('planner', {'plan_file': 'no/plan.json'}, 'plan.json must be in a folder that is there'),
+    ('planner', {'plan_file': '~/plan.json'},
+     'parameter plan_file: ~/plan.json must be in a folder that is there'),
+    ('planner', {'mission_file': 'missing.yaml'}, 'missing.yaml cannot be read: No such file'),
+    ('planner', {'mission_file': 'lacks.yaml'}, 'lacks.yaml:1: mission lacks'),
+    ('replay', {'mission_file': 'nodes.yaml'}, 'it is a parameter file of nodes'),
+    ('replay', {'plan_file': 'missing.json'}, 'missing.json'),
+    ('replay', {'plan_file': 'foreign.json'}, 'foreign.json is not a plan'),
+    ('replay', {'plan_file': 'broken.json'}, 'broken.json is not a plan'),
+    ('relay', {'stack': 'paparazzi'},
+     "stack is 'paparazzi'; it must be one of mavros, px4, aerostack2"),
+    ('relay', {'vehicles': '[a]'}, "vehicles is ['a']; it must be empty or have a name for each"),
+    ('relay', {'vehicles': '[a, a]'}, "vehicles is ['a', 'a']; the names must be unique"),
+    ('relay', {'uav1.origin': '[1.0, 2.0]'},
+     'uav1.origin is [1.0, 2.0]; it must be a list of 3 numbers'),
+    ('relay', {'uav2.reference': 'mavros'},
+     'uav2.reference is mavros and origin.projection is none; it'),
+    ('relay', {'uav1.reference': 'px4', 'origin.projection': 'ardupilot'},
+     'it must be px4, and origin'),
+    ('relay', {'uav1.reference': 'px4', 'origin.projection': 'px4',
+               'uav1.origin': '[1.0, 0.0, 2.0]'},
+     'uav1.origin is [1.0, 0.0, 2.0]; with uav1.reference, x and y must be 0'),
+    ('relay', {'origin.latitude': 86.0}, 'origin.latitude is 86')])
+def test_a_wrong_parameter_at_the_start_ends_the_node_with_one_line(
+        capfd, tmp_path, monkeypatch, node, parameters, reason):
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    replace(Scenario.paper(), ground_node=None, ground_nodes=(
+        GroundNode((0.0, 0.0), 'north farm'),)).save('farm.yaml')
+    assert reason in refusal(capfd, node, **parameters)
+
+
+def test_what_is_odd_at_the_start_is_a_warning(tmp_path):
+    file = tmp_path / 'mission.yaml'
+    file.write_text("""
+/**:
+  ros__parameters:
+    use_sim_time: false
+    durration: 150.0
+    uav1: {max_sped: 12.0}
+    qos_overrides: {/parameter_events: {publisher: {depth: 10}}}
+/**/replay:
+  ros__parameters: {loup: true}
+""")
+    expected = {
+        'planner': ['durration, it is ignored; did you mean duration?',
+                    'uav1.max_sped, it is ignored; did you mean uav1.max_speed?',
+                    'cannot be flown as it is set: duration is 20 s; uav1 needs at least'],
+        'replay': ['no parameter durration, ', 'no parameter uav1.max_sped, ',
+                   'loup, it is ignored; did you mean loop?']}
+    for node, texts in expected.items():
+        own = {'duration': 20.0} if node == 'planner' else {}
+        with node_here(node, '--params-file', str(file), **own) as process:
+            warnings = [line for line in process.lines if '[WARN]' in line]
+        assert len(warnings) == len(texts), warnings
+        for text in texts:
+            assert any(text in line for line in warnings), text
 
 
 def test_the_defaults_are_those_of_the_papers_mission():
@@ -158,39 +221,30 @@ def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
         eve.error_radius for eve in scenario.eavesdroppers]
 
 
-def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it():
-    with node_process('planner', mission_file=city.FILE, slots=85,
-                      courier__altitude=95) as process, Client() as client:
+def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it(client):
+    city_values = city.values()
+    with node_here('planner', mission_file=city.FILE, slots=85, courier__altitude=95) as process:
         found = client.all_parameters('planner')
-        city_values = city.values()
         assert found['uavs'] == ['courier', 'escort1', 'escort2'] == city_values['uavs']
         assert (found['slots'], found['courier.altitude']) == (85, 95.0)
         for name in city_values.keys() - {'mission_file', 'slots', 'courier.altitude'}:
             assert found[name] == city_values[name], name
-        wait_for_line(process, 'ready')
-        assert not any('there is no parameter' in line for line in process.lines)
-    with node_process('replay', mission_file=city.FILE), Client() as client:
+    assert not any('there is no parameter' in line for line in process.lines)
+    with node_here('replay', mission_file=city.FILE):
         assert client.get_parameters('replay', 'uavs') == [['courier', 'escort1', 'escort2']]
 
 
-@pytest.mark.parametrize('text, reason', [
-    (None, 'cannot be read: No such file'), ('duration: 5', ':1: mission lacks'),
-    ('/**: {ros__parameters: {}}', 'it is a parameter file of nodes')])
-def test_a_mission_file_that_is_none_is_named(tmp_path, text, reason):
-    file = tmp_path / 'mission.yaml'
-    if text is not None:
-        file.write_text(text)
-    with pytest.raises(ParameterError, match=f'^parameter mission_file: {file}.*{reason}'):
-        load_mission(file)
-
-
-def test_the_parameters_of_a_running_node_start_another_one_with_the_same(tmp_path):
-    """As `ros2 param dump` writes them."""
-    with node_process('planner', geofence=[-9e3, -9e3, 9e3, -9e3, 0.0, 9e3], bound='after',
-                      slots=20), Client() as client:
+def test_the_parameters_of_a_running_node_start_another_one_with_the_same(client, tmp_path):
+    """As `ros2 param dump` writes them, empty lists and the word off included."""
+    empty = {'no_fly_zones': [], 'uav1.start_velocity': [], 'uav2.goal_velocity': []}
+    with node_here('planner', bound='off', slots=20, **empty,
+                   geofence=[-9e3, -9e3, 9e3, -9e3, 0.0, 9e3]):
         before = client.all_parameters('planner')
-    assert len(before) > 50
+    assert len(before) > 50 and before['bound'] == 'off'
+    assert [before[name] for name in empty] == [[]] * 3
     file = tmp_path / 'planner.yaml'
     file.write_text(yaml.dump({'/planner': {'ros__parameters': before}}))
-    with node_process('planner', '--params-file', file), Client() as client:
+    with node_here('planner', '--params-file', str(file)):
         assert client.all_parameters('planner') == before
+    with node_here('replay', true_eavesdropper=[]):
+        assert client.get_parameters('replay', 'true_eavesdropper') == [[]]

@@ -207,28 +207,22 @@ def test_slots_of_the_way_with_a_negative_rate_do_not_transmit(plan):
     assert (rates[way] >= 0).all()
 
 
-def test_the_achieved_rate_of_exact_followers_is_the_planned_rate(plan):
-    playback, track = Playback(plan), AchievedRates()
-    assert track.rates is None
+def test_the_achieved_rate_is_the_planned_one_on_the_plan_and_begins_anew_with_a_new_flight(plan):
+    playback, exact, beside = Playback(plan), AchievedRates(), AchievedRates()
+    assert exact.rates is None
     for time in np.arange(-3.0, playback.duration + 3.0, 0.1):
-        track.add(playback, time, playback.at(time).positions)
-    achieved, should_be = track.rates
-    assert achieved == pytest.approx(should_be, rel=1e-9)
-    assert should_be == pytest.approx(playback.guaranteed_rates.mean(), rel=5e-3)
-
-
-def test_the_achieved_rate_falls_off_the_plan_and_begins_anew_with_a_new_flight(plan):
-    playback, track = Playback(plan), AchievedRates()
-    for time in np.arange(0.0, 60.0, 0.2):
-        track.add(playback, time, playback.at(time).positions + [0.0, 200.0])
-    achieved, should_be = track.rates
-    assert achieved < 0.9 * should_be
+        exact.add(playback, time, playback.at(time).positions)
+        beside.add(playback, time, playback.at(time).positions + [0.0, 200.0])
+    (achieved, planned), (less, again) = exact.rates, beside.rates
+    assert achieved == pytest.approx(planned, rel=1e-9) and planned == again
+    assert planned == pytest.approx(playback.guaranteed_rates.mean(), rel=5e-3)
+    assert less < 0.9 * planned
     # No time counts twice, and a long gap does not count.
-    track.add(playback, 59.0, playback.at(59.0).positions)
-    track.add(playback, 90.0, playback.at(90.0).positions)
-    assert track.rates == (achieved, should_be)
-    again = Playback(replace(plan, start_ns=plan.start_ns + 1))
-    track.add(again, 30.0, again.at(30.0).positions)
-    assert track.rates is None
+    exact.add(playback, 59.0, playback.at(59.0).positions)
+    exact.add(playback, playback.duration + 90.0, plan.scenario.goals)
+    assert exact.rates == (achieved, planned)
+    later = Playback(replace(plan, start_ns=plan.start_ns + 1))
+    exact.add(later, 30.0, later.at(30.0).positions)
+    assert exact.rates is None
     with pytest.raises(OptionError, match='positions has the shape'):
-        track.add(again, 31.0, np.zeros((3, 2)))
+        exact.add(later, 31.0, np.zeros((3, 2)))

@@ -1,38 +1,159 @@
-"""Receivers that move, in the planner: odometry, the largest speed, the horizon, and replans."""
+"""Receivers that move, in the planner: what it predicts of them, and until when it promises."""
 
-import math
+from dataclasses import replace
 import re
-import time
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
 from ros_client import (
-    DEFAULTS, node_here, node_process, odometry_message, PATIENCE, stamp_at, wait_for)
-from secure_uav_planner import Plan, Scenario, solve
-from secure_uav_planner.errors import PoseError
+    DEFAULTS, node_here, node_process, odometry_message, PATIENCE, pose_message, stamp_at,
+    values_of, wait_for)
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.model import channel
-from secure_uav_planner.ros.messages import markers
-from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.recording import record
+from secure_uav_planner.plan.tracking import PlanClock
+from secure_uav_planner.ros.poses import error_radius, PoseBook
+from secure_uav_planner.ros.receivers import predict_receivers
+from secure_uav_planner.ros.scenarios import make_request, StartTime
 from simulation import Simulation
-from test_tracks import drive
 
 NOISE = 5.0  # m along each axis, of measurements
 PERIOD = 0.5  # s apart.
+CAR_SPEED = 12.0  # m/s towards +y
+NOW = 1000.0  # s
+RADIUS_PER_DEVIATION = error_radius(np.eye(2), DEFAULTS['confidence'])
 
 
-def send_odometry(client, *values, **options):
-    """Send odometry of the eavesdropper until the planner knows it."""
-    publisher, topic = client.publisher(Odometry, 'eavesdropper/odom'), 'eavesdropper/odom'
+def car_at(now):
+    """Return the place of the car at a time of the clock in s."""
+    return 200.0, CAR_SPEED * (now - NOW - 60.0)
 
-    def is_known():
-        publisher.publish(odometry_message(*values, stamp=client.now(), **options))
-        time.sleep(0.1)
-        return client.status.get(f'pose_age.{topic}', 'none') != 'none'
-    wait_for(is_known, what=topic)
+
+def car_odometry(now):
+    return odometry_message(*car_at(now), (0.0, CAR_SPEED), stamp=stamp_at(now), variance=4.0,
+                            velocity_variance=0.04)
+
+
+def book_with(message, **settings):
+    """Return a PoseBook with a message of the eavesdropper, at NOW, and settings."""
+    settings, book = {**DEFAULTS, **settings}, PoseBook()
+    kind = 'odom' if isinstance(message, Odometry) else 'pose'
+    for topic, sent in (('ground_node/pose', pose_message(PoseStamped, 0, 0)),
+                        (f'eavesdropper/{kind}', message)):
+        book.take(topic, sent, settings, NOW)
+    return book, settings
+
+
+@pytest.mark.parametrize('settings, until, growth, moves, note', [
+    ({'prediction_horizon': 30.0}, 30.0, 0.2 * RADIUS_PER_DEVIATION, True, ''),
+    # Not beyond the flight.
+    ({'prediction_horizon': 3600.0}, 121.0, 0.2 * RADIUS_PER_DEVIATION, True, ''),
+    # Until the replan after the next can take effect.
+    ({'replan_period': 20.0, 'replan_lead': 4.0, 'duration': 120.0, 'slots': 60}, 32.0,
+     0.2 * RADIUS_PER_DEVIATION, True, ''),
+    # Anywhere at that speed, or at the one that is measured.
+    ({'eavesdropper.max_speed': 15.0}, 121.0, 15.0, False, ''),
+    ({'eavesdropper.max_speed': 5.0}, 121.0, CAR_SPEED + 0.2 * RADIUS_PER_DEVIATION, False,
+     'eavesdropper.max_speed is 5 m/s and the odometry of eavesdropper has more')])
+def test_odometry_is_predicted_to_the_horizon_with_a_disc_that_grows(
+        settings, until, growth, moves, note):
+    book, settings = book_with(car_odometry(NOW), **settings)
+    # The plan begins in 8 s.
+    predicted = predict_receivers(settings, book, NOW, PlanClock(0.0, NOW + 8.0), 121.0)
+    eve, = predicted.fields['eavesdroppers']
+    (t0, *place0, r0), (t1, *place1, r1) = eve.track
+    assert (t0, t1, predicted.promised_until) == pytest.approx((-8.0, until, until))
+    assert place0 == pytest.approx(car_at(NOW))
+    assert place1 == pytest.approx(car_at(NOW + 8.0 + until) if moves else car_at(NOW))
+    assert r0 == pytest.approx(2 * RADIUS_PER_DEVIATION)
+    assert r1 - r0 == pytest.approx(growth * (t1 - t0))
+    assert predicted.notes.get('eavesdropper', '').startswith(note) and bool(note) == bool(
+        predicted.notes)
+
+
+def test_a_pose_stands_unless_a_largest_speed_lets_its_disc_grow():
+    for speed, track in ((0.0, None),
+                         (0.5, ((-8.0, 200.0, 0.0, 10.0), (121.0, 200.0, 0.0, 74.5)))):
+        book, settings = book_with(pose_message(PoseWithCovarianceStamped, 200, 0), **{
+            'eavesdropper.max_speed': speed})
+        predicted = predict_receivers(settings, book, NOW, PlanClock(0.0, NOW + 8.0), 121.0)
+        eve, = predicted.fields['eavesdroppers']
+        assert (eve.track, predicted.promised_until) == (track, track and 121.0)
+
+
+def test_a_plan_without_a_delay_is_dated_with_the_receivers_at_its_start():
+    book, settings = book_with(car_odometry(NOW), start_delay=0.0, prediction_horizon=60.0)
+    start = StartTime.from_settings(settings, round(NOW * 1e9), None)
+    request = make_request(settings, book, start, [None, None], None)
+    solved = round((NOW + 7.0) * 1e9)
+    plan = request.date(fly_hover_fly(request.scenario), solved)
+    begin = plan.start_ns * 1e-9
+    assert begin > NOW + 7.0
+    assert begin + plan.promised_until == pytest.approx(
+        request.clock.to_clock(request.receivers.promised_until))
+    for time in (0.0, 5.0, 50.0):
+        _, (centres,), _ = plan.scenario.receivers_at([time])
+        assert centres[0] == pytest.approx(car_at(begin + time), abs=1e-3)
+
+
+def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tmp_path):
+    file, status, sent = tmp_path / 'plan.json', client.statuses, [0.0]
+
+    def send(now):
+        if now >= sent[0] + 0.5:
+            sent[0] = now
+            cars.publish(car_odometry(now))
+            client.send_pose('ground_node/pose', 0, 0, stamp=stamp_at(now), until_known=False)
+
+    def promise():
+        """Return its end in s, and what the status says if it has ended."""
+        ended = re.search(r'the promise[^;]*', status[-1].message)
+        return float(values_of(status[-1])['plan.promised_until']), ended and ended.group()
+
+    with node_here('planner', use_sim_time=True, plan_file=file, duration=120.0, slots=120,
+                   start_delay=8.0, replan_lead=3.0, objective='guaranteed',
+                   prediction_horizon=60.0):
+        cars = client.publisher(Odometry, 'eavesdropper/odom')
+        clocks = client.listen(DiagnosticArray, '/diagnostics', 10)
+        with Simulation(client, send, 6) as simulation:
+            wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
+            wait_for(lambda: all(
+                client.status.get(f'pose_age.{topic}', 'none') != 'none'
+                for topic in ('eavesdropper/odom', 'ground_node/pose')), what='the receivers')
+            answer = client.call('planner/plan')
+            assert answer.success, answer.message
+            wait_for(file.exists)
+            # The rate that is told is the mean of what is promised.
+            promised = Plan.load(file).guaranteed_rates[:60].mean()
+            assert f'guaranteed rate {promised:.4f}' in answer.message
+            assert 'until 60.0 s' in answer.message and promise()[0] == pytest.approx(60.0)
+            assert float(client.status['plan.guaranteed_rate']) == pytest.approx(
+                promised, abs=1e-4)
+            client.follow(lambda: simulation.now, late=15.0)
+            wait_for(lambda: promise()[1], what='the end of the promise')
+            until, text = promise()
+            assert status[-1].level == DiagnosticStatus.WARN and until < 1.0
+            assert 'later than the receivers that move are predicted for' in text
+            wait_for(lambda: float(client.status.get('track.time', 0)) > 5.0)
+            assert 'the flight is 15.0 s later' in promise()[1]
+            assert client.set_parameters('planner', replan_distance=900.0)[0].successful
+            wait_for(lambda: promise()[1] is None, what='a new promise')
+
+            # It is about the car where that is when the flight comes there.
+            def find_saved():
+                plan, values = Plan.load(file), values_of(status[-1])
+                return plan.identity == values['plan.identity'] and (plan, values)
+            plan, values = wait_for(find_saved, what='the plan of the status in the file')
+    until, time = float(values['plan.promised_until']), float(values['track.time'])
+    ahead = np.arange(np.ceil(time) + 1.0, until)  # Points of slots.
+    _, (centres,), (radii,) = plan.scenario.receivers_at(ahead)
+    truth = np.array([car_at(plan.start_ns * 1e-9 + 15.0 + at) for at in ahead])
+    assert len(ahead) and (np.linalg.norm(centres - truth, axis=1) <= radii).all()
+    # What was flown before keeps the discs that it was planned for.
+    _, (centres,), _ = plan.scenario.receivers_at([1.0])
+    assert centres[0] == pytest.approx(car_at(plan.start_ns * 1e-9 + 1.0), abs=0.5 * CAR_SPEED)
 
 
 class Filter:
@@ -116,82 +237,27 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(client, tmp_
     print(f'promised {promised.mean():.3f}, achieved {achieved.mean():.3f} bit/s/Hz, '
           f'{values["replans"]} replans, {np.count_nonzero(covered)} slots with a promise')
     assert int(values['replans']) >= 5
+    assert {plan.start_ns for plan in plans} == {first.start_ns}  # One flight.
     assert (achieved >= promised - 1e-9).all()
     assert covered.mean() > 0.5 and promised.mean() > 0
     assert float(values['plan.promised_until']) <= 121.0
 
 
-def test_odometry_gives_a_track_and_the_status_says_until_when_it_holds(client, tmp_path):
-    file = tmp_path / 'plan.json'
-    with node_here('planner', duration=120.0, slots=60, plan_file=str(file),
-                   prediction_horizon=30.0):
+def test_tracks_of_a_mission_file_count_until_an_estimate_comes(client, tmp_path):
+    mission, file = tmp_path / 'mission.yaml', tmp_path / 'plan.json'
+    track = ((0.0, 200.0, -300.0, 5.0), (120.0, 200.0, 300.0, 5.0))
+    scenario = replace(Scenario.paper(120.0, slots=40), eavesdroppers=(
+        Eavesdropper(track[0][1:3], 5.0, 'car', track=track),))
+    scenario.save(mission)
+    with node_here('planner', mission_file=str(mission), plan_file=str(file)) as planner:
         client.send_pose('ground_node/pose', 0, 0)
-        send_odometry(client, 200, -100, (0.0, 3.0), variance=4.0, velocity_variance=0.04)
         assert client.call('planner/plan').success
         wait_for(file.exists)
-        wait_for(lambda: 'plan.promised_until' in client.status)
-    (t0, x0, y0, r0), (t1, x1, y1, r1) = Plan.load(file).scenario.eavesdroppers[0].track
-    scale = math.sqrt(-2 * math.log(0.05))
-    assert (x0, y0, x1) == (200.0, -100.0, 200.0)
-    assert (y1 - y0) / (t1 - t0) == pytest.approx(3.0)
-    assert r0 == pytest.approx(2 * scale) and (r1 - r0) / (t1 - t0) == pytest.approx(0.2 * scale)
-    # On a busy machine the odometry is older than the plan.
-    assert t0 <= 0 and 30.0 - t1 == pytest.approx(0.0, abs=9.0)
-    # The status has six digits.
-    assert float(client.status['plan.promised_until']) == pytest.approx(t1, rel=1e-5)
-
-
-def test_a_largest_speed_lets_the_disc_of_a_pose_grow(client, tmp_path):
-    file = tmp_path / 'plan.json'
-    with node_here('planner', duration=120.0, slots=60, plan_file=str(file),
-                   **{'eavesdropper.max_speed': 0.5}):
-        client.send_pose('ground_node/pose', 0, 0)
-        client.send_estimate('eavesdropper/pose', 200, 0)
+        plan = Plan.load(file)
+        assert plan.scenario.eavesdroppers[0].track == track and plan.promised_until is None
+        assert any('car moves on its track in the mission file' in line for line in planner.lines)
+        client.send_estimate('car/pose', 200, 50)
         assert client.call('planner/plan').success
-        wait_for(file.exists)
-        (t0, x0, y0, r0), (t1, x1, y1, r1) = Plan.load(file).scenario.eavesdroppers[0].track
-    assert (x0, y0) == (x1, y1) == (200.0, 0.0) and r0 == 10.0
-    assert r1 - r0 == pytest.approx(0.5 * (t1 - t0)) and t1 > 120.0
-
-
-def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(client):
-    with node_here('planner', duration=120.0, slots=60, replan_period=1000.0, replan_lead=3.0,
-                   prediction_horizon=200.0):
-        client.send_pose('ground_node/pose', 0, 0)
-        send_odometry(client, 200, -100, (0.0, 3.0), variance=1.0)
-        assert client.call('planner/plan').success
-        client.follow()
-        wait_for(lambda: client.status.get('track.state') == 'flying')
-        assert client.status['replans'] == '0'
-        send_odometry(client, 230, -100, (3.0, 0.0), variance=1.0)
-        wait_for(lambda: client.status['replans'] != '0', what='a replan')
-
-
-@pytest.mark.parametrize('fields, reason', [
-    ({'velocity': (0.0, 2000.0)}, 'twist.linear is 2000 m/s; it must be at most 1000 m/s'),
-    ({'velocity': (0.0, math.nan)}, 'twist.linear.y is nan'),
-    ({'velocity_variance': math.inf}, 'the covariance of the velocity is [[inf, 0.0]')])
-def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(fields, reason):
-    book = PoseBook()
-    good, wrong = (odometry_message(x, 0, stamp=stamp_at(100.0), **options)
-                   for x, options in ((200, {}), (100, fields)))
-    book.take('eavesdropper/odom', good, DEFAULTS, 100.0)
-    with pytest.raises(PoseError, match=re.escape(reason)):
-        book.take('eavesdropper/odom', wrong, DEFAULTS, 100.0)
-    assert book.usable_pose('eavesdropper', DEFAULTS, 100.0).position == (200.0, 0.0)
-
-
-def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
-    reader = pytest.importorskip('mcap.reader')
-    scenario = drive(Scenario.paper(120, slots=30))
-    plan = solve(scenario, objective='guaranteed')
-    ways = [marker for marker in markers(plan, 'map').markers if marker.ns == 'track']
-    assert [(way.points[0].y, way.points[-1].y) for way in ways] == [(-300.0, 300.0)]
-    record(plan, tmp_path / 'plan.mcap')
-    with (tmp_path / 'plan.mcap').open('rb') as file:
-        places = [(message.log_time, deserialize_message(
-            message.data, PoseWithCovarianceStamped).pose.pose.position.y)
-            for _, channel, message in reader.make_reader(file).iter_messages()
-            if channel.topic == '/eavesdropper/pose']
-    assert len(places) == 32
-    assert places[15][1] == pytest.approx(0.0) and places[-1][1] == 300.0
+        wait_for(lambda: Plan.load(file).identity != plan.identity)
+        assert Plan.load(file).scenario.eavesdroppers[0].position == (200.0, 50.0)
+        assert any('the estimate of car counts' in line for line in planner.lines)
