@@ -12,18 +12,18 @@ from geometry_msgs.msg import PoseStamped
 import message_package
 from nav_msgs.msg import Odometry, Path
 import pytest
-from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
-    node_here, node_process, pose_message, refusal, wait_for, wait_for_line)
+    node_here, pose_message, refusal, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.relay import Relay
 from secure_uav_planner.ros.topics import TOPICS
 from std_srvs.srv import SetBool
 from strategies import with_uavs
 from test_messages import sent
-from test_security import policy_of, used
+from test_security import allowed, lone_node, QUERIES
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
@@ -443,14 +443,9 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
                    latitude, float(ZURICH.to_geographic(-5.0, 0.0)[1]), 400.0)
 
 
-def test_the_policy_allows_what_the_relay_uses_and_nothing_else(packages, client):
+def test_the_policy_allows_what_the_relay_uses_and_nothing_else(packages):
     """The other nodes are in test_security.py; this one needs a stack's messages."""
-    with node_process('relay', use_sim_time='true'):
-        def is_as_allowed():
-            client.node.get_node_names()
-            try:
-                return used(client, 'relay') == policy_of('relay')
-            except NodeNameNonExistentError:
-                return False
-
-        wait_for(is_as_allowed, what='a graph as the policy has it')
+    with lone_node(Relay, 'use_sim_time:=true') as node:
+        for key, query in QUERIES.items():
+            names = {name for name, _ in getattr(node, query)(node.get_name(), '/')}
+            assert {*allowed('relay')[key]} == names, key
