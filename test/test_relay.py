@@ -13,8 +13,7 @@ import message_package
 from nav_msgs.msg import Odometry, Path
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_client import (
-    node_here, pose_message, refusal, wait_for, wait_for_line)
+from ros_client import node_here, pose_message, refusal, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
