@@ -1,11 +1,8 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
-from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 import math
-import os
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -15,20 +12,19 @@ from .consistency import (
     check_accelerations, check_durations, check_ends, check_names, check_sizes, MAX_COUPLINGS,
     POSITION_TOLERANCE)
 from .fields import (
-    Block, check_items, Checked, checked_by, checked_point, checked_truth, FieldChecks, Members,
-    Number, number, Point, raise_all, read_object, refuse, REQUIRED, WholeNumber)
-from .files import checked_path
-from .formats.mission_file import read_mission, write_mission
-from .geography import convert_points, Origin
+    Block, check_items, checked_by, checked_point, checked_truth, FieldChecks, Members,
+    Number, number, Point, raise_all, refuse, REQUIRED, WholeNumber)
+from .geography import Origin
 from .kinematics import DURATION
 from .participants import (
     Boundaries, checked_nodes, Eavesdropper, GroundNode, MAX_NODES, NoFlyZone, Uav,
     unite_ground_nodes)
 from .polygons import checked_polygon, Vertices
 from .propagation import Channel
+from .stored import Stored
 from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
 from .validation import Array, checked_array, is_sequence, make_unique, read_only
-from ..errors import describe_class, name_missing_package, prefix_path, ScenarioError
+from ..errors import describe_class, name_missing_package, prefix_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +57,7 @@ def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
 
 
 @dataclass(frozen=True)
-class Scenario(Checked):
+class Scenario(Stored):
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
@@ -162,78 +158,6 @@ class Scenario(Checked):
             uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
                   Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
             duration=duration, slots=slots)
-
-    def to_dict(self) -> dict[str, Any]:
-        """
-        Return the scenario as plain values of JSON; an infinite ceiling is None.
-
-        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
-        what a track decides.
-        """
-        data = asdict(self)
-        for name in ('channel', 'colluding', 'ground_node_track', 'head_starts', 'origin'):
-            if getattr(self, name) == getattr(Scenario, name):
-                del data[name]
-        # A ground_node is also the only one of the ground_nodes.
-        del data['ground_nodes' if data['ground_node'] is not None else 'ground_node']
-        if 'ground_node_track' in data:
-            data['ground_node'] = {'track': data.pop('ground_node_track')}
-        for receiver in (*data['eavesdroppers'], *data.get('ground_nodes', ())):
-            decided = ('track',) if receiver['track'] is None else ('position', 'error_radius')
-            for name in decided:
-                receiver.pop(name, None)
-        for zone in data['no_fly_zones']:
-            if math.isinf(zone['ceiling']):
-                zone['ceiling'] = None
-        return data
-
-    @classmethod
-    def from_dict(cls, data: Any) -> 'Scenario':
-        """
-        Return the scenario of a mapping that to_dict wrote; missing fields take their defaults.
-
-        :raises ScenarioError: for an unknown field, a missing one that has no default, or a
-            wrong value. `further` are the errors of more fields, or, if these are right, all
-            inconsistencies between them.
-        """
-        name = describe_class(cls)
-        if not isinstance(data, Mapping):
-            return read_object(cls, data, name)  # type: ignore[no-any-return]
-        values = dict(data)
-        with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
-            values = convert_points(values, Block(Origin)(values.get('origin')))
-        node = values.get('ground_node')
-        if not isinstance(node, Mapping) or 'latitude' in node or 'ground_nodes' in values:
-            return read_object(cls, values, name)  # type: ignore[no-any-return]
-        try:
-            return read_object(  # type: ignore[no-any-return]
-                cls, {**values, 'ground_node': None, 'ground_nodes': [node]}, name)
-        except ScenarioError as error:
-            for item in (error, *error.further):
-                if item.place[:1] == ('ground_nodes',):
-                    item.place = ('ground_node', *item.place[2:])
-                    item.args = (str(item).replace('ground_nodes[0]', 'ground_node'),)
-            raise
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """
-        Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
-
-        :raises OSError: when the file cannot be written; an old one is left unchanged.
-        """
-        write_mission(checked_path(path), self.to_dict())
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
-        """
-        Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
-
-        It has the fields of Scenario with their units; those with a default may be missing.
-
-        :raises OSError: when the file cannot be read, is no regular file, or is too large.
-        :raises MissionFileError: naming the line and the error; its `problems` are all errors.
-        """
-        return read_mission(checked_path(path), cls)  # type: ignore[no-any-return]
 
     @property
     def slot_duration(self) -> float:

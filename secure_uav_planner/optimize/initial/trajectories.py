@@ -81,8 +81,8 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
         longer = replace(scenario, duration=duration)
         utilisations = find_least_utilisations(longer, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
-        found = has_time and _search_flights(Problem(longer), raise_if_over) is not None
-        return 0.5 if found else 2.0
+        is_flyable = has_time and _search_flights(Problem(longer), raise_if_over) is not None
+        return 0.5 if is_flyable else 2.0
 
     # From rest to rest, a longer flight is always easier.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)

@@ -1,0 +1,92 @@
+"""Scenarios as plain values of JSON and YAML and in files, and back, with all errors at once."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+import math
+import os
+from typing import Any, TypeVar
+
+from .fields import Block, Checked, read_object
+from .files import checked_path
+from .formats.mission_file import read_mission, write_mission
+from .geography import convert_points, Origin
+from ..errors import describe_class, ScenarioError
+
+Scenario = TypeVar('Scenario', bound='Stored')  # By this name the API's page shows it.
+
+
+class Stored(Checked):
+    """The Scenario, its only subclass, as plain values and in files."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """
+        Return the scenario as plain values of JSON; an infinite ceiling is None.
+
+        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
+        what a track decides.
+        """
+        data = asdict(self)  # type: ignore[call-overload]
+        for name in ('channel', 'colluding', 'ground_node_track', 'head_starts', 'origin'):
+            if getattr(self, name) == getattr(type(self), name):
+                del data[name]
+        # A ground_node is also the only one of the ground_nodes.
+        del data['ground_nodes' if data['ground_node'] is not None else 'ground_node']
+        if 'ground_node_track' in data:
+            data['ground_node'] = {'track': data.pop('ground_node_track')}
+        for receiver in (*data['eavesdroppers'], *data.get('ground_nodes', ())):
+            decided = ('track',) if receiver['track'] is None else ('position', 'error_radius')
+            for name in decided:
+                receiver.pop(name, None)
+        for zone in data['no_fly_zones']:
+            if math.isinf(zone['ceiling']):
+                zone['ceiling'] = None
+        return dict(data)
+
+    @classmethod
+    def from_dict(cls: type[Scenario], data: Any) -> Scenario:
+        """
+        Return the scenario of a mapping that to_dict wrote; missing fields take their defaults.
+
+        :raises ScenarioError: for an unknown field, a missing one that has no default, or a
+            wrong value. `further` are the errors of more fields, or, if these are right, all
+            inconsistencies between them.
+        """
+        name = describe_class(cls)
+        if not isinstance(data, Mapping):
+            return read_object(cls, data, name)  # type: ignore[no-any-return]
+        values = dict(data)
+        with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
+            values = convert_points(values, Block(Origin)(values.get('origin')))
+        node = values.get('ground_node')
+        if not isinstance(node, Mapping) or 'latitude' in node or 'ground_nodes' in values:
+            return read_object(cls, values, name)  # type: ignore[no-any-return]
+        try:
+            return read_object(  # type: ignore[no-any-return]
+                cls, {**values, 'ground_node': None, 'ground_nodes': [node]}, name)
+        except ScenarioError as error:
+            for item in (error, *error.further):
+                if item.place[:1] == ('ground_nodes',):
+                    item.place = ('ground_node', *item.place[2:])
+                    item.args = (str(item).replace('ground_nodes[0]', 'ground_node'),)
+            raise
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
+
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
+        """
+        write_mission(checked_path(path), self.to_dict())
+
+    @classmethod
+    def load(cls: type[Scenario], path: str | os.PathLike[str]) -> Scenario:
+        """
+        Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
+
+        It has the fields of Scenario with their units; those with a default may be missing.
+
+        :raises OSError: when the file cannot be read, is no regular file, or is too large.
+        :raises MissionFileError: naming the line and the error; its `problems` are all errors.
+        """
+        return read_mission(checked_path(path), cls)  # type: ignore[no-any-return]
