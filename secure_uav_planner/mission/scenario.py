@@ -24,7 +24,7 @@ from .propagation import Channel
 from .stored import Stored
 from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
 from .validation import Array, checked_array, is_sequence, make_unique, read_only
-from ..errors import describe_class, name_missing_package, prefix_path
+from ..errors import name_missing_package, prefix_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
