@@ -4,8 +4,6 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, Literal, TypeAlias
 
-from scipy.constants import Boltzmann, speed_of_light
-
 from . import OBJECTIVES
 from .fields import (
     check_argument, check_numbers, Checked, checked_by, checked_truth, Choice, FieldChecks, Number,
@@ -20,6 +18,8 @@ ENVIRONMENTS: dict[Environment, tuple[float, float, float]] = {
     'dense_urban': (12.08, 0.11, 23.0), 'highrise': (27.23, 0.08, 34.0)}
 """a, b and the extra loss without line of sight in dB (Al-Hourani, Kandeepan and Lardner 2014)."""
 
+SPEED_OF_LIGHT = 299792458.0  # In m/s.
+BOLTZMANN = 1.380649e-23  # In J/K.
 NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
 
 _LOS_NUMBERS = {'a': Number(0.01, 100.0), 'b': Number(0.001, 2.0),
@@ -151,6 +151,6 @@ def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: fl
             ('transmit_gain_dbi', transmit_gain_dbi, Number(-60.0, 80.0, 'dBi')),
             ('receive_gain_dbi', receive_gain_dbi, Number(-60.0, 80.0, 'dBi'))):
         check_argument(name, value, check)
-    path_gain = 20 * math.log10(speed_of_light / (4 * math.pi * carrier_hz))
-    noise = 10 * math.log10(Boltzmann * NOISE_TEMPERATURE * bandwidth_hz) + noise_figure_db
+    path_gain = 20 * math.log10(SPEED_OF_LIGHT / (4 * math.pi * carrier_hz))
+    noise = 10 * math.log10(BOLTZMANN * NOISE_TEMPERATURE * bandwidth_hz) + noise_figure_db
     return path_gain + transmit_gain_dbi + receive_gain_dbi - noise

@@ -84,7 +84,7 @@ public:
         box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
     }
 
-    // The largest ga x + gb y in the set: ReachableSet.support derives it (lemma 6).
+    // The largest ga x + gb y in the set: ReachableSet.corner derives it (lemma 6).
     double support(double ga, double gb, std::size_t group) const {
         const double near = from_start_[group], far = to_goal_[group];
         const double along = corner_[2 * group], across = corner_[2 * group + 1];
