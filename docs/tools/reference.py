@@ -1,5 +1,5 @@
 """
-The reference of topics, services and parameters.
+The reference of topics, services, parameters and the status.
 
 `python -m docs.tools.reference docs` puts it into the page of each node.
 """
@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
     PLANNER, read_specs, RELAY, REPLAY, Spec)
+from secure_uav_planner.ros.status import STATUS_KEYS
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 
@@ -76,6 +77,10 @@ def markdown() -> dict[str, str]:
         if shared:
             lines += ['', f'{", ".join(f"`{name}`" for name in shared)} are as those of the '
                       '[planner](planner.md#parameters).']
+        if node == 'planner':
+            lines += ['', '## Status', '', 'The values in `~/status`:', '',
+                      '| key | meaning |', '| --- | --- |']
+            lines += [f'| `{key}` | {meaning} |' for key, meaning in STATUS_KEYS.items()]
         pages[node] = '\n'.join(lines)
     return pages
 

@@ -1,8 +1,4 @@
-"""
-The status that the planner reports: a level and a text for diagnostics, and values by key.
-
-docs/planner.md says what each value means.
-"""
+"""The status that the planner reports: a level and a text for diagnostics, and values by key."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -21,6 +17,56 @@ from ..plan.results import Bound
 
 _LONGEST_REASON = 4000
 _MOST_WARNINGS = 5  # About a subject, until it is cleared.
+
+STATUS_KEYS = {
+    'state': '`idle` or `solving`',
+    'outcome.code': 'of the last request or replan: `ok`, or the code of its error',
+    'plans': 'plans made by request since the start',
+    'replans': 'plans made in flight by the planner itself',
+    'refusals': 'requests and replans without a plan',
+    'progress.iteration': 'during a solve: its last iteration',
+    'progress.step': 'what that iteration was',
+    'progress.rate': 'the rate so far, bit/s/Hz',
+    'progress.elapsed': 'since the solve began, s',
+    'plan.identity': '8 digits that tell the last plan from others',
+    'plan.stamp': 'the time of its point 0, s',
+    'plan.age': 'since that time, s; below zero before it',
+    'plan.promised_until': 'where receivers move: until when its rates are promised, s from '
+                           'point 0',
+    'plan.guaranteed_rate': 'its guaranteed rate, bit/s/Hz',
+    'plan.worst_case_rate': 'its worst-case rate, bit/s/Hz',
+    'plan.node_rate.<ground_node>': 'mean rate of a ground node by the objective, bit/s/Hz',
+    'plan.curve_rate': 'its guaranteed rate along the flown curve, bit/s/Hz',
+    'plan.bound': 'what no plan can exceed, bit/s/Hz, with the parameter `bound`',
+    'plan.claim': 'that bound in words',
+    'plan.uav_distance': 'smallest distance between any two UAVs, m; below 5 m without a '
+                         '`separation`, the level is WARN',
+    'plan.zone_distance': 'smallest distance of any UAV from a no-fly zone as given, m',
+    'plan.<which>_distance.beyond_margin': 'what is left of that distance if every UAV is off by '
+                                           '`tracking_margin`, m',
+    'plan.<which>_distance.between': 'which two come so close',
+    'plan.<which>_distance.time': 'when they do, s from point 0',
+    'plan.energy.<uav>': 'energy of the flight of a UAV by the model of its propulsion, J',
+    'plan.energy.<uav>.<part>': 'the part of it while `hovering`, or `flying`, J',
+    'plan.method': 'what made the plan',
+    'plan.objective': 'which rate that maximised',
+    'plan.status': 'why it stopped',
+    'plan.iterations': 'how many it took',
+    'plan.solve_time': 'how long it took, s',
+    'pose_age.<topic>': 'age of the last pose or odometry on a topic, s; `none` before the first',
+    'track.plan': 'identity of the plan that is flown, by the reports on `plan_time`; without any '
+                  'there is no `track`',
+    'track.time': 'progress of the flight, s from point 0',
+    'track.state': '`waiting`, `flying`, `held` or `ended`, with `, silent` after a second '
+                   'without a report',
+    'track.distance.<uav>': 'distance of a UAV from its plan when it was measured, m; `none` '
+                            'without odometry and poses. Beyond `track_tolerance` the level is '
+                            'WARN',
+    'track.rate': 'guaranteed rate so far where the UAVs really were, with the planned powers, '
+                  'of all ground nodes together, bit/s/Hz',
+    'track.planned_rate': 'the same where the plan had them',
+}
+"""The meaning of each value of the status by its key."""
 
 
 class RequestOutcome(NamedTuple):
