@@ -121,13 +121,14 @@ class InteriorPointSolver:
         :param finished: set where a start has converged or stalled, (S,).
         """
 
-    def advance(self, steps: int, final: float, check: Callable[[], None]) -> tuple[int, int]:
+    def advance(self, steps: int, final: float, raise_if_over: Callable[[], None]
+                ) -> tuple[int, int]:
         """
         Take up to `steps` steps from all starts, fewer where they are long.
 
         :param final: the barrier parameter at which a start may finish.
-        :param check: called now and then; if it raises, starts that have not yet stepped are left
-            unchanged.
+        :param raise_if_over: called now and then; if it raises, starts that have not yet stepped
+            are left unchanged.
         :return: the number of steps, and of the starts that failed in the worst of them.
         """
 

@@ -25,10 +25,10 @@ using kernel::Reals;
 namespace {
 
 // Estimated multiplications: of several starts below which threads cost more than they gain; of a
-// single one, which a thread does not speed up, below which `check` need not run meanwhile; and of
-// all steps taken in one call.
+// single one, which a thread does not speed up, below which `raise_if_over` need not run meanwhile;
+// and of all steps taken in one call.
 constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
-constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `check`.
+constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `raise_if_over`.
 
 kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
@@ -101,9 +101,9 @@ public:
     InteriorPointSolver(const InteriorPointSolver&) = delete;
 
     // Take up to `steps` steps from every start, fewer where they are long; return their number,
-    // and how many starts failed in the worst of them. If `check` throws, starts that have not yet
-    // stepped are left unchanged.
-    py::tuple advance(int steps, double final_mu, const py::function& check) {
+    // and how many starts failed in the worst of them. If `raise_if_over` throws, starts that have
+    // not yet stepped are left unchanged.
+    py::tuple advance(int steps, double final_mu, const py::function& raise_if_over) {
         std::size_t failed;
         {
             const py::gil_scoped_release release;
@@ -116,7 +116,7 @@ public:
             if (cost * steps < (iterates_.size() > 1 ? WORTH_THREADS : WORTH_CHECKS))
                 take_steps(0, final_mu);
             else
-                run_threads(final_mu, check);
+                run_threads(final_mu, raise_if_over);
             failed = *std::max_element(failed_.begin(), failed_.end());
         }
         return py::make_tuple(steps, failed);
@@ -170,11 +170,11 @@ private:
         }
     }
 
-    void run_threads(double final_mu, const py::function& check) {
+    void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
         worker(count - 1);
-        // If `check` throws, these join their threads as they are destroyed.
+        // If `raise_if_over` throws, these join their threads as they are destroyed.
         std::vector<std::future<void>> threads;
         try {
             for (std::size_t number = 0; number < count; ++number)
@@ -184,7 +184,7 @@ private:
                 while (thread.wait_for(CHECK_INTERVAL) != std::future_status::ready) {
                     kernel::check_signals();
                     const py::gil_scoped_acquire acquire;
-                    check();
+                    raise_if_over();
                 }
                 thread.get();
             }
