@@ -172,6 +172,7 @@ def test_no_place_of_a_sector_is_below_its_bound(model, seed, uavs, decades, spr
         discs['channel'] = make_link(scenario, 'eavesdropper', axes=0).compiled(1, uavs)
     inner, outer, middle, half = random_sectors(rng, radius)
     zero, whole = np.zeros(count), np.full(count, np.pi)
+    accuracy = 1e-11 if model.rician_k_db is None else 1e-8  # SciPy 1.11's quantiles have 2e-9.
     for begin, centre, angles in ((zero, zero, whole), (inner, middle, half)):
         bound, value = bound_sectors(discs, inner=begin, outer=outer, middle=centre, half=angles)
         assert (bound <= value).all()
@@ -181,7 +182,7 @@ def test_no_place_of_a_sector_is_below_its_bound(model, seed, uavs, decades, spr
             squared = (distance * np.cos(angle) - x)**2 + (distance * np.sin(angle) - y)**2
             gains = oracle.snr(scenario, squared.T, False).T
             inverse_sinr = (discs['noise'] + (discs['jamming'] * gains[1:]).sum(axis=0)) / gains[0]
-            assert (inverse_sinr >= bound * (1 - 1e-11)).all()
+            assert (inverse_sinr >= bound * (1 - accuracy)).all()
 
 
 def test_bounds_approach_the_least_value_with_the_square_of_the_size():
