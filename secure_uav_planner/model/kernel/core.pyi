@@ -80,7 +80,7 @@ class EnergyCost:
 
 class LineLimit(Limit):
     """
-    A limit c = normal . p - offset of control points p (M, G, K), of which some are ignored.
+    A limit c = normal . p - offset of control points p (M, G, K), but for those that are ignored.
 
     There are M pieces of K points for each of G pairs of a UAV and an obstacle, or of two UAVs.
     """
