@@ -37,7 +37,7 @@ class FreeSpace(LinkGains):
 class PathLoss(LinkGains):
     def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, steepness: Array,
                  shift: Array, exponent: float, quantile: bool) -> None:
-        """Make it as FreeSpace; kappa, 1 with line of sight, steepness per degree, shift (K, U)."""
+        """Make it as FreeSpace; kappa, 1 in line of sight, steepness per degree, shift (K, U)."""
 
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
         """Return bounds of the first three derivatives of log gain between two distances."""
