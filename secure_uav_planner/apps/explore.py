@@ -1,7 +1,7 @@
 """The page of `explore`: a mission to drag and its best plan, for a browser of this computer."""
 
 import argparse
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
 import logging
@@ -41,7 +41,6 @@ _MOST_STEPS = 100  # That can be undone.
 _MISSION, _PLAN = 'mission.yaml', 'plan.json'
 _ADDED = ('eavesdropper', 'jammer', 'zone')
 _format = partial(format_document, _MISSION)
-_SOLVES = ThreadPoolExecutor()
 
 _slider = partial(dcc.Slider, marks=None)
 _FIELDS = {
@@ -133,26 +132,30 @@ class Editor:
 
     def solve(self) -> Future[Plan]:
         """
-        Return the solve of the mission as it is now, in a thread, which ends with its mission.
+        Return the solve of the mission as it is now, in a thread that ends with its mission.
 
         :raises ScenarioError: for what is wrong with the mission.
         """
         with self._lock:
             if self._solve is None:
-                scenario = Scenario.from_dict(self.mission)
+                scenario, self._solve = Scenario.from_dict(self.mission), Future()
                 self.progress = 'planning ...'
-                self._solve = _SOLVES.submit(self._plan, self.mission, scenario)
+                # Not one of an executor, which waits for it before the main thread ends.
+                threading.Thread(target=self._run, args=(self._solve, scenario)).start()
             return self._solve
 
-    def _plan(self, mission: Mission, scenario: Scenario) -> Plan:
+    def _run(self, future: Future[Plan], scenario: Scenario) -> None:
         def report(iteration: Iteration) -> bool:
-            if self.mission is mission:
+            if future is self._solve:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '
                                  f'{iteration.elapsed:.1f} of at most {_TIME_LIMIT:g} s')
             # At the end of the program, too, whose threads may not run on in the kernel.
-            return self.mission is not mission or not threading.main_thread().is_alive()
+            return future is not self._solve or not threading.main_thread().is_alive()
 
-        return solve(scenario, on_iteration=report, time_limit=_TIME_LIMIT)
+        try:
+            future.set_result(solve(scenario, on_iteration=report, time_limit=_TIME_LIMIT))
+        except Exception as error:
+            future.set_exception(error)
 
 
 def explore_mission(options: argparse.Namespace) -> None:
@@ -198,7 +201,7 @@ def make_app(scenario: Scenario, port: int) -> Dash:
 
     @app.callback(
         Output('version', 'data'), Output('yaml', 'value'), Output({'field': ALL}, 'value'),
-        Input('map', 'relayoutData'), Input('removed', 'data'), Input('yaml', 'n_blur'),
+        Input('removed', 'data'), Input('yaml', 'n_blur'),
         Input({'do': ALL}, 'n_clicks'), Input({'field': ALL}, 'value'),
         State('yaml', 'value'), State('version', 'data'), State('page', 'data'),
         prevent_initial_call=True)
@@ -206,6 +209,14 @@ def make_app(scenario: Scenario, port: int) -> Dash:
         *_, values, text, version, page = arguments
         value = text if ctx.triggered_id == 'yaml' else ctx.triggered[0]['value']
         return _edit(editors[page], ctx.triggered_id, value, values, version)
+
+    # Apart: a view that moves, as when the window does, would supersede another edit under way.
+    @app.callback(
+        Output('version', 'data', allow_duplicate=True),
+        Output('yaml', 'value', allow_duplicate=True), Input('map', 'relayoutData'),
+        State('version', 'data'), State('page', 'data'), prevent_initial_call=True)
+    def edit_shapes(change: Any, version: int, page: str) -> Any:
+        return _edit(editors[page], 'map', change, [], version)[:2]
 
     @app.callback(
         Output('map', 'figure'), Output('charts', 'figure'), Output('words', 'children'),
