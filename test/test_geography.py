@@ -1,6 +1,7 @@
 """Places on Earth: the projections of autopilots, missions in degrees, and plans as maps."""
 
 from dataclasses import replace
+from functools import reduce
 import json
 import math
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 from secure_uav_planner import (
     Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
-from secure_uav_planner.errors import OptionError
+from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.ros.settings import load_mission, origin_from
 import yaml
@@ -131,6 +132,14 @@ def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
     assert [*values] == [*twin] and len(numbers(twin)) > 100
     for left, right in zip(numbers(values), numbers(twin), strict=True):
         assert left == right  # So that they are planned alike.
+
+
+def test_a_list_however_deep_is_refused_by_its_field():
+    deep = reduce(lambda inner, _: [inner], range(3000), 1.0)
+    fields = Scenario.paper(120.0).to_dict() | {'geofence': deep, 'origin': {
+        'latitude': ZURICH[0], 'longitude': ZURICH[1], 'projection': 'px4'}}
+    with pytest.raises(ScenarioError, match=r'geofence\[0\]'):
+        Scenario.from_dict(fields)
 
 
 def test_numbers_that_look_like_degrees_get_a_note(tmp_path, capsys):

@@ -27,6 +27,8 @@ Of places in m. Those beyond are noise of degrees in doubles, about 1e-9 m, by w
 find another plan, metres away.
 """
 
+_MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
+
 
 @dataclass(frozen=True)
 class Origin(Checked):
@@ -110,7 +112,7 @@ def _check_distance(east: Array, north: Array) -> None:
                           f'north; it must be at most {MAX_DISTANCE / 1e3:g} km')
 
 
-def convert_points(value: Any, origin: Origin) -> Any:
+def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> Any:
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
 
@@ -121,11 +123,11 @@ def convert_points(value: Any, origin: Origin) -> Any:
         with suppress(OptionError):
             return [round(float(part), _DECIMALS) for part in origin.to_local(
                 to_number(value['latitude']), to_number(value['longitude']))]
-    elif isinstance(value, Mapping):
-        return {name: item if name == 'origin' else convert_points(item, origin)
+    elif isinstance(value, Mapping) and levels:
+        return {name: item if name == 'origin' else convert_points(item, origin, levels - 1)
                 for name, item in value.items()}
-    elif isinstance(value, (list, tuple)):
-        items = [convert_points(item, origin) for item in value]
+    elif isinstance(value, (list, tuple)) and levels:
+        items = [convert_points(item, origin, levels - 1) for item in value]
         if not value or isinstance(value[0], (list, tuple, Mapping)):
             return items
         return [part for given, item in zip(value, items) for part in (  # Of a knot.
