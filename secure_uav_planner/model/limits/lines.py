@@ -36,7 +36,7 @@ class ControlPoints:
     Around each of the points 0..N+1 every UAV has one piece.
 
     :param grid: of the flight.
-    :param of_curve: whether they are those of the flown curve, or else the points themselves,
+    :param on_curve: whether they are those of the flown curve, or else the points themselves,
         with the curve's ends in place of start and goal.
     :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, U, K, 3); zero for points
         that do not vary.
@@ -44,12 +44,12 @@ class ControlPoints:
     :ivar constant: the constant part of each control point, (N+2, U, K, 2) in units.
     """
 
-    def __init__(self, grid: Grid, of_curve: bool) -> None:
+    def __init__(self, grid: Grid, on_curve: bool) -> None:
         self.grid = grid
-        piece = _POINT if not of_curve else (
+        piece = _POINT if not on_curve else (
             _SMOOTH if grid.scenario.limits_acceleration else _STRAIGHT)
         self.weights: Array = np.tile(piece, (grid.slots + 2, len(grid.scenario.uavs), 1, 1))
-        if not of_curve:
+        if not on_curve:
             self.weights[0], self.weights[-1] = _SMOOTH[:1], _SMOOTH[2:]
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
         self._close_ends()
@@ -105,15 +105,15 @@ class LineLimit(Limit):
 
     :param first: the UAV of each pair, (G,).
     :param second: the UAV whose piece is subtracted, (G,), or None.
-    :param of_curve: whether the control points are those of the curve; see ControlPoints.
+    :param on_curve: whether the control points are those of the curve; see ControlPoints.
     :ivar points: the ControlPoints of all curves.
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
 
     def __init__(self, grid: Grid, first: NDArray[np.intp],
-                 second: NDArray[np.intp] | None = None, of_curve: bool = True) -> None:
+                 second: NDArray[np.intp] | None = None, on_curve: bool = True) -> None:
         super().__init__(grid)
-        self.points = ControlPoints(grid, of_curve)
+        self.points = ControlPoints(grid, on_curve)
         self.first, self.second = first, second
         constant: NDArray[np.bool_] = np.all(self.points.weights == 0, axis=-1)
         self.ignored = np.ascontiguousarray(constant[:, first])

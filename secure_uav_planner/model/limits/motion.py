@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .base import compile_vectors, Limit
 from ..airspace import Airspace
+from ..curve import add_end_moves
 from ..grid import Grid
 from ..kernel import core
 from ...errors import PlanError
@@ -157,5 +158,4 @@ class AccelerationLimit(NormLimit):
                 f'point {point}; at most {most:.9g} m/s^2 are allowed')
 
     def differences(self, positions: Array) -> Array:
-        first, last = self._end_moves[:, :, None]
-        return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)
+        return np.diff(add_end_moves(np.diff(positions, axis=1), self._end_moves), axis=1)

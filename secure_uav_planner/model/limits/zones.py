@@ -29,7 +29,7 @@ class FenceLimit(LineLimit):
     def __init__(self, grid: Grid) -> None:
         outward, offsets = grid.airspace.hull
         uavs = len(grid.scenario.uavs)
-        super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), of_curve=False)
+        super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), on_curve=False)
         self._normals: Array = np.tile(-outward, (uavs, 1))
         self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
         number = np.arange(self.grid.slots + 2.0)[:, None]
