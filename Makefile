@@ -1,12 +1,18 @@
 # `make demo` and `make test` set up all they need in .venv, and run; so does
 # `make demo MISSION=city`.
-# `make compat` tests with the oldest, Ubuntu's and the newest versions of what it builds on.
+# `make compat` tests with the oldest, Ubuntu's and the newest versions of what it builds on, and
+# with ROS 2 Kilted.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PACKAGE := .
 export AMENT_PREFIX_PATH := $(abspath $(VENV))
+
+# The machine, unless PyPI has wheels of ROS for it: see docs/install.md.
+WITHOUT_ROS := $(shell $(PYTHON) -c 'import platform, sys; \
+	machine = sys.platform, platform.machine(); \
+	print("" if machine == ("linux", "x86_64") else "-".join(machine))')
 
 SOURCES := setup.py setup.cfg build_backend.py pyproject.toml package.xml \
 	$(wildcard */requirements.txt */*/requirements.txt) \
@@ -19,24 +25,29 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 	mission_file plan playback planner relay replay restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test test-slow bench fly numbers soak study docs wheel compat clean
+.PHONY: demo test test-slow without-ros bench fly numbers soak study docs wheel compat clean
 
 MISSION ?= paper
 
-demo: $(VENV)/.examples
-	$(BIN)/python -m examples.demo --mission $(MISSION)
+demo: $(if $(WITHOUT_ROS),without-ros,$(VENV)/.examples)
+	$(if $(WITHOUT_ROS),@exit 1,$(BIN)/python -m examples.demo --mission $(MISSION))
 
 # Tests of nodes mostly wait for each other: four at a time, also on two cores.
-test: $(VENV)/.test
+test: $(if $(WITHOUT_ROS),without-ros) $(VENV)/.test
 	$(BIN)/python -m pytest -n 4 --dist loadfile
 
-test-slow: $(VENV)/.test
+test-slow: $(if $(WITHOUT_ROS),without-ros) $(VENV)/.test
 	$(BIN)/python -m pytest -n 3 --dist loadfile -m "slow and not soak"
+
+without-ros:
+	@echo 'PyPI has no ROS for $(WITHOUT_ROS): the nodes and the demo need an installed ROS, see'
+	@echo 'docs/install.md. The command and the library work, after: pip install ".[view]"'
+	@echo '`make test` runs all tests but those of the nodes.'
 
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP
 
-compat: compat-oldest compat-noble compat-newest
+compat: compat-oldest compat-noble compat-newest compat-kilted
 
 compat-%: .venv-%/.check
 	AMENT_PREFIX_PATH=$(CURDIR)/.venv-$* .venv-$*/bin/python -m pytest -n 2 --dist loadfile \
@@ -75,16 +86,16 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 		-r $(wildcard $*/requirements.txt studies/$*/requirements.txt)
 	touch $@
 
-.venv-%/.check: test/compat/%.txt test/compat/requirements.txt setup.py \
+.venv-%/.check: test/compat/%.txt $(wildcard test/compat/*requirements.txt) setup.py \
 		$(wildcard secure_uav_planner/model/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< $(PACKAGE) \
-		-r test/compat/requirements.txt
+		-r $(firstword $(wildcard test/compat/$*-requirements.txt) test/compat/requirements.txt)
 	touch $@
 
 $(BIN)/pip:
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' \
-		|| { echo 'Python 3.10 to 3.13 is needed; name it as in: make PYTHON=python3.12'; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 14))' \
+		|| { echo 'Python 3.10 to 3.14 is needed; name it as in: make PYTHON=python3.12'; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip 'setuptools<80' wheel

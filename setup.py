@@ -46,10 +46,10 @@ class BuildKernel(build_ext):
         super().build_extensions()
 
 
-ros = [
-    'ros-jazzy-rclpy[fastrtps]==7.1.6',
-    'ros-jazzy-common-interfaces==5.3.6',
-]
+# PyPI has wheels of ROS for this machine only.
+WITH_ROS = 'sys_platform == "linux" and platform_machine == "x86_64"'
+ros = [f'{name}; {WITH_ROS}' for name in (
+    'ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6')]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
 explore = ['dash>=4.0', 'plotly>=5.15']
 campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']
@@ -78,10 +78,10 @@ setup(
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
-    # `ros` is for machines without ROS: an installed ROS has these already. None has Python 3.14.
+    # `ros` is for machines without ROS: an installed ROS has these already.
     extras_require={
         'ros': ros, 'view': view, 'explore': explore, 'campaign': campaign,
-        'all': [*campaign, *explore, *(f'{name}; python_version < "3.14"' for name in ros)],
+        'all': [*campaign, *explore, *ros],
         'test': ['pytest']},  # By which colcon chooses it; the rest is in test/requirements.txt.
     zip_safe=False,
     author='secure_uav_planner maintainers',

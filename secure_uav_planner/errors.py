@@ -161,6 +161,7 @@ class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
 
 _EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
            'dash': 'explore', 'distributed': 'campaign', 'joblib': 'campaign'}
+_REQUIRED = {'clarabel', 'cvxpy'}  # For these, rosdep has no key that keeps the system's NumPy.
 
 
 @contextmanager
@@ -170,9 +171,10 @@ def name_missing_package() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
+        wanted = (missing if missing in _REQUIRED
+                  else f'"secure_uav_planner[{_EXTRAS.get(missing, "ros")}]"')
         raise MissingPackageError(
-            f'{missing} is not installed; pip install '
-            f'"secure_uav_planner[{_EXTRAS.get(missing, "ros")}]"') from error
+            f'{missing} is not installed; pip install {wanted}') from error
 
 
 _yaml_notation: ContextVar[bool] = ContextVar('_yaml_notation', default=False)

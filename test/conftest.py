@@ -6,12 +6,12 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 import os
 from pathlib import Path
+import re
 import runpy
 import signal
 import sys
 import tempfile
 
-from domain_coordinator import domain_id
 from hypothesis import HealthCheck, Phase, settings
 import message_package
 import pytest
@@ -24,7 +24,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 # Kept as long as the tests run; every worker of pytest-xdist gets a domain of its own.
 _reserved = ExitStack()
-os.environ['ROS_DOMAIN_ID'] = str(_reserved.enter_context(domain_id()))
+with suppress(ImportError):  # Without ROS, tests of nodes are skipped.
+    from domain_coordinator import domain_id
+    os.environ['ROS_DOMAIN_ID'] = str(_reserved.enter_context(domain_id()))
 os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
@@ -73,6 +75,15 @@ def is_there(module):
         return False
 
 
+def needs_ros(path):
+    """Return whether a module of the tests, or one that it imports, imports ROS."""
+    modules = re.findall(r'^(?:from|import) ([.\w]+)', path.read_text(), re.MULTILINE)
+    return any(
+        re.match(r'rclpy|secure_uav_planner\.ros|\w+_msgs\b', module)
+        or ((local := path.with_name(f'{module}.py')).exists() and needs_ros(local))
+        for module in modules)
+
+
 def pytest_configure(config):
     """Choose how examples are drawn, before the tests are read."""
     settings.load_profile('soak' if config.option.markexpr == 'soak' else 'quick')
@@ -101,7 +112,8 @@ class Skipped(pytest.Module):
 
 def pytest_pycollect_makemodule(module_path, parent):
     """Skip a file that needs what is not installed."""
-    missing = [name for name in OPTIONAL.get(module_path.name, ()) if not is_there(name)]
+    needed = [*OPTIONAL.get(module_path.name, ()), *['rclpy'] * needs_ros(module_path)]
+    missing = [name for name in needed if not is_there(name)]
     if not missing:
         return None
     module = Skipped.from_parent(parent, path=module_path)
@@ -121,6 +133,7 @@ def pytest_runtest_makereport():
 @pytest.fixture
 def client():
     """Return a client of the nodes."""
+    pytest.importorskip('rclpy')
     with import_module('ros_client').Client() as made:  # Imported in the environment from above.
         yield made
 
@@ -128,6 +141,7 @@ def client():
 @pytest.fixture
 def planner():
     """Return a planner of the paper's mission in few slots, for quick solves."""
+    pytest.importorskip('rclpy')
     with import_module('ros_client').node_here('planner', duration=120.0, slots=40) as planner:
         yield planner
 

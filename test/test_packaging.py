@@ -19,12 +19,11 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 KEYS = {name: f'python3-{name}' for name in (
     'argcomplete', 'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pandas', 'pybind11', 'pytest',
     'scipy', 'setuptools', 'shapely')}
-KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
-# CVXPY brings it, and rosdep has no key.
-WITH_ANOTHER = {'clarabel': 'cvxpy'}
-# rosdep has no key, or only one that installs by pip and would bring NumPy 2; the nodes, their
-# tests and the library do without.
-FROM_PYPI = {'casadi', 'distributed', 'flask', 'mcap', 'plotly', 'pyarrow', 'werkzeug',
+KEYS.update({'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
+# The README's pip line brings Clarabel. rosdep has no key of the others, or only one that installs
+# by pip and would bring NumPy 2; the nodes, their tests and the library do without them.
+FROM_PYPI = {'casadi', 'clarabel', 'cvxpy', 'distributed', 'flask', 'mcap', 'plotly', 'pyarrow',
+             'werkzeug',
              *(name for names in OPTIONAL.values() for name in names)}
 
 
@@ -60,7 +59,7 @@ def test_package_xml_names_whatever_is_imported(folder, kinds):
     named = depends(*kinds)
     missing = {name: file for name, file in imported(folder).items()
                if name not in FROM_PYPI
-               and KEYS.get(WITH_ANOTHER.get(name, name), name) not in named}
+               and KEYS.get(name, name) not in named}
     assert not missing
 
 
@@ -83,8 +82,8 @@ def test_setup_py_and_package_xml_agree(packaging):
     assert (ROOT / PACKAGE.find('license').get('file')).exists()
     for requirement in packaging['install_requires']:
         name = re.split('[<>=]', requirement)[0]
-        key = KEYS[WITH_ANOTHER.get(name, name)]
-        assert key in depends('exec_depend', 'test_depend'), name
+        if name not in FROM_PYPI:
+            assert KEYS[name] in depends('exec_depend', 'test_depend'), name
 
 
 def test_the_oldest_versions_that_are_tested_are_the_oldest_that_are_allowed(packaging):

@@ -10,6 +10,8 @@ import time
 import pytest
 from ros_client import Client, node_process, output_of, PATIENCE, stopped, wait_for
 from secure_uav_planner.ros.topics import serve
+from service_msgs.msg import ServiceEventInfo
+from std_srvs.srv import Trigger
 
 
 @pytest.mark.parametrize('number, method, slots', [
@@ -128,10 +130,24 @@ def test_a_service_that_fails_answers_with_the_reason():
         async def fail_later():
             fail()
 
+        client.node.declare_parameter('service_introspection', 'off')
         for name, action in (('start', fail), ('plan', fail_later)):
             serve(client.node, {f'~/{name}': action}, client.node.default_callback_group)
             answer = client.call(f'client/{name}')
             assert (answer.success, answer.message) == (False, 'ValueError: too bad')
+
+
+def test_with_service_introspection_the_graph_shows_what_was_asked_and_answered():
+    with Client() as client, node_process('replay', service_introspection='contents'):
+        events = []
+        client.node.create_subscription(
+            Trigger.Event, 'replay/pause/_service_event', events.append, 10)
+        answers = []
+        # Each time, since nobody can tell when the node has discovered the subscription.
+        wait_for(lambda: answers.append(client.call('replay/pause')) or {
+            event.info.event_type for event in events} >= {
+                ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT})
+        assert answers[0] in [response for event in events for response in event.response]
 
 
 def test_a_wrong_command_line_is_named():

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
+from ..errors import name_missing_package
 from ..mission.kinematics import Vehicle
 from ..mission.scenario import Scenario
 from ..mission.validation import Array, read_only
@@ -49,7 +50,8 @@ def solve_cone_program(
         on.
     :return: x, (K,), or None if Clarabel finds no solution.
     """
-    clarabel: Any = import_module('clarabel')  # Here, since few missions need it.
+    with name_missing_package():
+        clarabel: Any = import_module('clarabel')  # Here, since few missions need it.
     cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(inequalities),
              *[clarabel.SecondOrderConeT(3)] * ((len(right) - equalities - inequalities) // 3)]
     settings = clarabel.DefaultSettings()

@@ -8,7 +8,8 @@ from . import joint
 from .deadline import Deadline, OnIteration, run_to_end
 from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
-from ..errors import FieldPath, format_path, OptionError, PlanningError, quote
+from ..errors import (
+    FieldPath, format_path, name_missing_package, OptionError, PlanningError, quote)
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.fields import check_argument, Choice
 from ..mission.scenario import Array, Scenario
@@ -60,6 +61,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         found; or when none are found within max_energy, naming the least energy that was found.
     :raises StoppedError: when the run is stopped before flights were found that keep these limits.
     :raises TimeLimitError: when the time limit is over before that.
+    :raises MissingPackageError: when 'alternating' is asked for, and CVXPY is not installed.
     """
     checked_kind('scenario', scenario, Scenario)
     if initial is not None:
@@ -69,6 +71,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
     objective = check_objective(method, objective)
     if method == 'alternating':
         _check_scope(scenario)
+        with name_missing_package():
+            from .alternating import alternate  # Here, because CVXPY takes a second to import.
     problem = Problem(scenario)
     deadline = _build_deadline(problem, on_iteration, time_limit)
     positions, powers, baseline = None, constant_powers(scenario), None
@@ -86,7 +90,6 @@ def solve(scenario: Scenario, method: Method = 'joint',
     if not incumbent.warm:
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
         joint.optimise_powers(incumbent)
-    from .alternating import alternate  # Here, because CVXPY takes a second to import.
     return incumbent.to_plan(method, run_to_end(alternate, incumbent))
 
 

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.service_introspection import ServiceIntrospectionState
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
@@ -179,9 +180,12 @@ def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Ans
         message, or is a coroutine. The answer to an error is its text.
     """
     kinds = {name: kind for (_, name), (kind, _) in SERVICES.items()}
+    introspection = node.get_parameter('service_introspection').value.upper()
     for name, action in actions.items():
-        node.create_service(
+        service = node.create_service(
             kinds[name], name, partial(_answer, node, action), callback_group=group)
+        service.configure_introspection(
+            node.get_clock(), STREAM, ServiceIntrospectionState.__members__[introspection])
 
 
 async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]], request: Any,
