@@ -11,16 +11,41 @@ from matplotlib.patches import Circle
 from matplotlib.text import Text
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner import (
+    Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Plan, Scenario, solve)
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.mission.formats.mission_file import EXAMPLE
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
+from secure_uav_planner.output.drawing import uav_color
 from secure_uav_planner.output.map import power_level
 from secure_uav_planner.output.picture import draw_plan, save_picture
 import shapely
 from strategies import random_powers, scenarios, with_uavs
 
 CITY = Path(__file__).parents[1] / 'config' / 'city.yaml'
+
+
+PAPER = Scenario.paper(120.0, slots=24)
+MISSIONS = {
+    'paper': PAPER,
+    'long': Scenario.paper(200.0),
+    'new': Scenario.load(EXAMPLE),
+    'city': Scenario.load(CITY),
+    'convoy': replace(PAPER, eavesdroppers=tuple(
+        Eavesdropper(name=name, track=((0.0, x, -300.0, 15.0), (120.0, x, 300.0, 15.0)),
+                     receiver_advantage_db=6.0)
+        for name, x in (('car' * 12, 200.0), ('van', -150.0)))),
+    'farms': replace(PAPER, ground_node=None, ground_nodes=tuple(
+        GroundNode(place, name) for place, name in (
+            ((-150.0, 250.0), 'north_farm'), ((-250.0, 0.0), 'mill'), ((50.0, -250.0), 'south')))),
+    'corridor': with_uavs(PAPER, start=(-600.0, 20.0), goal=(600.0, 0.0)),
+    'square': with_uavs(PAPER, start=(-350.0, 350.0), goal=(350.0, -350.0)),
+    'names': replace(PAPER, uavs=tuple(
+        replace(PAPER.uavs[0], name=4 * f'observer_{number}_', altitude=100.0 + 10.0 * number)
+        for number in range(5))),
+    'edge': replace(PAPER, no_fly_zones=(NoFlyZone(
+        ((330, 480), (350, 480), (350, 500), (330, 500)), 0.0, 50.0, 'a school at the edge'),))}
 
 
 @pytest.fixture(scope='module')
@@ -91,6 +116,48 @@ def test_the_scale_of_power_distinguishes_low_jamming_power_from_none():
     level = power_level(np.array([0.0, 0.013, 1.3, 4.0]), 4.0)
     assert level[0] == 0 and level[-1] == pytest.approx(1)
     assert (np.diff(level) > 0.1).all()
+
+
+@pytest.mark.parametrize('mission', MISSIONS)
+@pytest.mark.parametrize('width', [3.5, 7.16, None])
+def test_nothing_is_drawn_outside_the_figure_which_fits_a_page(mission, width):
+    plan = fly_hover_fly(MISSIONS[mission])
+    for baselines in ((), [plan, fly_hover_fly(plan.scenario, 'constant')]):
+        figure = plan.plot(baselines, title=width is None, width=width)
+        figure.draw_without_rendering()
+        drawn, (figure_width, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert drawn.x0 >= 0 and drawn.y0 >= 0
+        assert drawn.x1 <= figure_width and drawn.y1 <= height
+        assert width is None or width == figure_width and height <= 9.0
+
+
+@pytest.mark.parametrize('width', [3.5, 7.16, None])
+def test_every_uav_that_hovers_has_the_time_of_it_beside_it(width):
+    for mission in ('long', 'new', 'city'):
+        plan = fly_hover_fly(MISSIONS[mission])
+        axes = plan.plot(width=width).axes[0]
+        colors = {text.get_color() for text in axes.texts if '–' in text.get_text()}
+        assert {uav_color(index) for index in range(len(plan.positions))} <= colors
+
+
+def test_a_square_map_has_the_width_of_a_column_and_no_energies_are_in_it():
+    map_axes, power_axes, _ = fly_hover_fly(MISSIONS['square']).plot(width=3.5).axes
+    assert map_axes.get_window_extent().width > 0.95 * power_axes.get_window_extent().width
+    texts = [text.get_text() for axes in fly_hover_fly(MISSIONS['new']).plot(width=3.5).axes
+             for text in axes.get_legend().texts]
+    assert texts and not any('kJ' in text for text in texts)
+
+
+def test_baselines_on_the_map_are_told_apart_by_the_line_that_they_have_in_the_chart():
+    plan = fly_hover_fly(MISSIONS['paper'])
+    straight = np.linspace(plan.scenario.starts, plan.scenario.goals, 26, axis=1)
+    map_axes, _, rate_axes = plan.plot([
+        fly_hover_fly(plan.scenario, 'optimised'), plan,
+        replace(plan, positions=straight, method='planned elsewhere')]).axes
+    lines = {line.get_label(): line.get_linestyle() for line in map_axes.lines}
+    rates = {patch.get_label(): patch.get_linestyle() for patch in rate_axes.patches}
+    assert lines['planned elsewhere'] == rates['planned elsewhere'] == '-.'
+    assert lines['fly-hover-fly'] == rates['fly-hover-fly,\noptimised power'] == ':'
 
 
 @settings(max_examples=10, deadline=None)

@@ -40,11 +40,26 @@ _SCHEME_NAMES = {
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
     'given': 'given by hand',
 }
+_SCHEME_DASHES = {'fly_hover_fly_constant': '--', 'fly_hover_fly_optimised': ':'}
 
 
 def scheme_name(method):
     """Return the name of a method of solve or a baseline in words."""
     return _SCHEME_NAMES.get(method, method)
+
+
+def scheme_dash(method):
+    """Return the line style of Matplotlib of a baseline, the same in all views."""
+    return _SCHEME_DASHES.get(method, '-.')
+
+
+def distinct_paths(baselines):
+    """Return the baselines of different paths, each with the name that its paths have."""
+    found = []
+    for baseline in baselines:
+        if not any(np.array_equal(baseline.positions, other.positions) for other, _ in found):
+            found.append((baseline, scheme_name(baseline.method).partition(', ')[0]))
+    return found
 
 
 def node_color(scenario, index):

@@ -24,7 +24,9 @@ _LEAST_RANGE = 1e-9  # bit/s/Hz; rates within it are drawn in a bin 1 bit/s/Hz w
 def own_settings():
     """Draw as Matplotlib does by default, but in the user's fonts, which may have more scripts."""
     fonts = {name: rcParams[name] for name in ('font.family', 'font.sans-serif', 'font.serif')}
-    with style.context(['default', fonts]):
+    with style.context(['default', fonts]), warnings.catch_warnings():
+        # Names may be in scripts that the font lacks; boxes stand for their letters.
+        warnings.filterwarnings('ignore', message='Glyph .* missing')
         yield
 
 
@@ -33,10 +35,7 @@ class Picture(Figure):
 
     @own_settings()
     def savefig(self, *arguments, **options):
-        with warnings.catch_warnings():
-            # Names may be in scripts that the font lacks; boxes stand for their letters.
-            warnings.filterwarnings('ignore', message='Glyph .* missing')
-            super().savefig(*arguments, **options)
+        super().savefig(*arguments, **options)
 
     def _repr_png_(self):
         with BytesIO() as file:

@@ -1,36 +1,33 @@
 """The map of a plan: airspace, receivers, and paths by power and time."""
 
-from itertools import product
 from textwrap import wrap
 
+from matplotlib import rcParams
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitude_label, eavesdropper_color, GEOFENCE, is_obstacle, label_position,
-    list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, receiver_label,
-    shown_discs, style_axes, uav_color)
+    add_legend, altitude_label, distinct_paths, eavesdropper_color, GEOFENCE, is_obstacle,
+    label_position, list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels,
+    receiver_label, scheme_dash, shown_discs, style_axes, uav_color)
+from .labels import MapLabels, point_size
 
 LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # In characters.
 LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is linear.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
-_FONT_SIZE = 8.0  # In points, of texts on the map.
-_GAPS = 5.0, 10.0  # In points, from a path to its labels.
-_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
+_NEAR_MARKS = 17.0  # Time marks closer than this share a label, in points.
 GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2, 'label': 'no-fly zone'}
 _ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':',
                    'label': 'no-fly zone at\nother altitudes'}
 _TRACK = (0, (4, 2))
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
-_HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
 
 
 def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
@@ -43,21 +40,22 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     :param legend: False for no legend.
     :param options: of the legend, which is at the right of the map by default.
     """
+    draw_paths(axes, plan, extent, baselines)
+    if legend:
+        add_plan_legend(axes, plan, **options)
+    label_map(axes, plan.scenario, plan, baselines)
+
+
+def draw_paths(axes, plan, extent, baselines=()):
+    """Draw a map without its texts, whose places depend on the size that the map will have."""
     scenario = plan.scenario
     set_up_map(axes, extent)
-    baseline_paths = [path for baseline in baselines for path in baseline.positions]
     draw_ground(axes, scenario)
-    for path in baseline_paths:
-        axes.plot(*path.T, color=GREY, linewidth=0.9, zorder=1, label='baseline')
+    for baseline, name in distinct_paths(baselines):
+        for path in baseline.positions:
+            axes.plot(*path.T, color=GREY, linewidth=0.9, zorder=1, label=name,
+                      linestyle=scheme_dash(baseline.method))
     peak = max(uav.peak_power for uav in scenario.uavs)
-    point = _point_size(axes)
-    occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
-                *(shapely.Point(center).buffer(max(radius, 5 * point))
-                  for discs in shown_discs(scenario) for _, center, radius in discs),
-                *(_find_box(axes, text) for text in axes.texts if text.get_text()),
-                *(shapely.Point(node.position).buffer(5 * point)
-                  for node in scenario.ground_nodes),
-                *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
         # Power n holds from point n to point n + 1; before point 1 the power is zero.
         level = power_level(np.concatenate([[0.0], powers]), peak)
@@ -66,23 +64,62 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
             linewidths=_line_width(level), capstyle='round', zorder=3), autolim=False)
         axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
         draw_ends(axes, index, points[0], points[-1])
-        _label_times(axes, plan.times, points, uav_color(index), occupied,
-                     [shapely.LineString(path) for path in baseline_paths])
-    if legend:
-        levels = np.linspace(0, 1, 9)
-        add_map_legend(axes, {
-            uav_label(uav, f', 0 to {peak:g} W'): tuple(
-                Line2D([], [], color=_power_colors(index)(level), linewidth=_line_width(level),
-                       solid_capstyle='butt') for level in levels)
-            for index, uav in enumerate(scenario.uavs)}, **options)
 
 
-def uav_label(uav, text):
-    """Return the name of a UAV and a text, wrapped for the legend."""
-    name = uav.name
+def add_plan_legend(axes, plan, **options):
+    """Explain the symbols of the map of a plan; see add_legend."""
+    levels, uavs = np.linspace(0, 1, 9), plan.scenario.uavs
+    peak = max(uav.peak_power for uav in uavs)
+    add_map_legend(axes, {
+        wrap_name(uav.name, f', 0 to {peak:g} W'): tuple(
+            Line2D([], [], color=_power_colors(index)(level), linewidth=_line_width(level),
+                   solid_capstyle='butt') for level in levels)
+        for index, uav in enumerate(uavs)}, **options)
+
+
+def label_map(axes, scenario, plan=None, baselines=()):
+    """Write the texts of a map whose size is final: receivers, zones, and times along paths."""
+    point = point_size(axes)
+    paths = () if plan is None else plan.positions
+    discs = [shapely.Point(center).buffer(max(radius, 5 * point))
+             for discs in shown_discs(scenario) for _, center, radius in discs]
+    labels = MapLabels(axes, [
+        *(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
+        *(shapely.Point(place).buffer(6 * point)
+          for ends in (scenario.starts, scenario.goals) for place in ends),
+        *(shapely.Point(node.position).buffer(5 * point) for node in scenario.ground_nodes),
+        *(shapely.LineString(path).buffer(3 * point) for path in paths),
+        *(() if scenario.geofence is None else [shapely.LinearRing(scenario.geofence)])])
+    for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
+        text = '\n'.join(filter(None, (_escape(name), altitude_label(zone))))
+        if text and _is_on_map(axes, label_position(zone)):
+            labels.add_into(shapely.Polygon(zone.vertices), text, label_position(zone),
+                            color='0.25')
+    _label_eavesdroppers(labels, scenario)
+    labels.occupied.extend(discs)
+    if plan is not None:
+        _label_times(axes, labels, plan, [shapely.LineString(path) for baseline in baselines
+                                          for path in baseline.positions])
+
+
+def _label_eavesdroppers(labels, scenario):
+    """Write what is better in a receiver, and names and times of those that move."""
+    for index, (eve, name, discs) in enumerate(zip(
+            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
+        color, advantage = eavesdropper_color(index, eve), receiver_label(eve)
+        if eve.track is None and advantage:
+            labels.add(advantage, eve.position, np.pi / 4, is_needed=True, color=color)
+        for time, center, _ in discs if eve.track is not None else ():
+            text = f'{time:g} s' if time else ', '.join(
+                filter(None, (wrap_name(name), advantage, '0 s')))
+            labels.add(text, center, np.pi, is_needed=True, color=color)
+
+
+def wrap_name(name, text='', width=LEGEND_WIDTH):
+    """Return a name and a text, wrapped for a legend, whose width is in letters."""
     if len(name) > _NAME_LENGTH:  # Without its middle, as the ends of names tell them apart.
         name = f'{name[:_NAME_LENGTH // 2 - 2]}...{name[2 - _NAME_LENGTH // 2:]}'
-    return _escape('\n'.join(wrap(name + text, LEGEND_WIDTH)))
+    return _escape('\n'.join(wrap(name + text, width)))
 
 
 def _escape(text):
@@ -95,32 +132,21 @@ def draw_ground(axes, scenario):
     """Draw the ground nodes, eavesdroppers, zones and fence, with labels for the legend."""
     for index, (node, name) in enumerate(zip(scenario.ground_nodes, node_labels(scenario))):
         axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
-                  label=_escape(name))
+                  label=wrap_name(name))
     _draw_tracks(axes, scenario)
     for index, (eve, name, discs) in enumerate(zip(
             scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
-        color, name = eavesdropper_color(index, eve), _escape(name)
-        for time, center, radius in discs:
+        color = eavesdropper_color(index, eve)
+        for _, center, radius in discs:
             axes.add_patch(Circle(center, radius, facecolor=color, alpha=0.25))
             axes.add_patch(Circle(center, radius, fill=False, edgecolor=color))
-            if eve.track is not None:
-                axes.annotate(f'{time:g} s' if time else f'{name}, 0 s', center, (-10, 0),
-                              textcoords='offset points', fontsize=_FONT_SIZE, ha='right',
-                              va='center', color=color, zorder=8, path_effects=_HALO)
-        style, label = _marker_style(color, 8), name
+        style, label = _marker_style(color, 8), wrap_name(name)
         if eve.track is None:
             label = 'eavesdropper, disc' if eve.error_radius else 'eavesdropper'
         else:
             style['linestyle'] = _TRACK  # In the legend.
         axes.plot(*eve.position, marker='X', **style, zorder=6, label=label)
-        axes.annotate(receiver_label(eve), eve.position, (7, 7), textcoords='offset points',
-                      fontsize=8, color=color, zorder=8, path_effects=_HALO)
     _draw_airspace(axes, scenario)
-
-
-def _find_box(axes, text):
-    """Return the box of a text on the map."""
-    return shapely.box(*axes.transData.inverted().transform(text.get_window_extent()).ravel())
 
 
 def _draw_tracks(axes, scenario):
@@ -136,7 +162,8 @@ def draw_ends(axes, index, start, goal):
     """Draw start and goal of a UAV, with a size by index: several may be at one point."""
     for point, marker in ((start, 'o'), (goal, 's')):
         axes.plot(*point, marker, color='white', markeredgecolor=uav_color(index),
-                  markeredgewidth=1.5, markersize=7 + 4 * index, zorder=5 - 0.1 * index)
+                  markeredgewidth=1.5, markersize=(0.7 + 0.4 * index) * rcParams['font.size'],
+                  zorder=5 - 0.1 * index)
 
 
 def _draw_airspace(axes, scenario):
@@ -146,12 +173,9 @@ def _draw_airspace(axes, scenario):
                                label=f'margin of {scenario.tracking_margin:g} m'))
     if scenario.geofence is not None:
         axes.add_patch(Polygon(scenario.geofence, **_FENCE, zorder=1, label='geofence'))
-    for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
+    for zone in scenario.no_fly_zones:
         style = _ZONE if is_obstacle(zone, scenario) else _ZONE_OVERFLOWN
         axes.add_patch(Polygon(zone.vertices, **style, zorder=1.5))
-        text = '\n'.join(filter(None, (_escape(name), altitude_label(zone))))
-        axes.annotate(text, label_position(zone), ha='center', va='center', fontsize=7.5,
-                      color='0.25', zorder=8, annotation_clip=True, path_effects=_HALO)
 
 
 def power_level(powers, peak):
@@ -185,36 +209,36 @@ def set_up_map(axes, extent):
     style_axes(axes)
 
 
-def _point_size(axes):
-    """Return the length in m of a typographic point on a map."""
-    return np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0
+def _is_on_map(axes, place):
+    return all(low <= value <= high for value, (low, high) in zip(
+        place, (axes.get_xlim(), axes.get_ylim())))
 
 
-def _label_times(axes, times, points, color, occupied, baseline_paths):
+def _label_times(axes, labels, plan, baseline_paths):
     """
-    Mark round times along a path; where the UAV hovers, a label gives the interval.
+    Mark round times along the paths; where a UAV hovers, a label gives the interval.
 
-    Labels are beside the path on the map, where they cover nothing occupied, a list to which they
-    are added, and none of the baselines if possible.
+    Labels of hovering are beside every path; the others are where they cover nothing.
     """
+    times = plan.times
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
     marks = marks[marks < times[-1] - marks[0] / 3]
-    before, places, after = (np.stack([
-        np.interp(marks + shift, times, points[:, axis]) for axis in (0, 1)], axis=-1)
-        for shift in (-times[1], 0.0, times[1]))
-    axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
-              linestyle='none', zorder=7)
-    groups = _group_marks(places, 17.0 * _point_size(axes))
-    for first, last in sorted(groups, key=lambda group: group[0] - group[1]):  # Longest first.
-        middle = (first + last) // 2
-        text = f'{marks[first]:g} s' if first == last else f'{marks[first]:g}–{marks[last]:g} s'
-        boxes = _list_free_boxes(
-            axes, text, places[middle], after[middle] - before[middle], occupied)
-        if boxes:
-            box = min(boxes, key=lambda box: any(map(box.intersects, baseline_paths)))
-            occupied.append(box)
-            axes.annotate(text, box.centroid.coords[0], ha='center', va='center', color=color,
-                          fontsize=_FONT_SIZE, zorder=8, path_effects=_HALO)
+    intervals = []
+    for index, points in enumerate(plan.positions):
+        before, places, after = (np.stack([
+            np.interp(marks + shift, times, points[:, axis]) for axis in (0, 1)], axis=-1)
+            for shift in (-times[1], 0.0, times[1]))
+        axes.plot(*places.T, 'o', color='white', markeredgecolor=uav_color(index), markersize=3.5,
+                  linestyle='none', zorder=7)
+        for first, last in _group_marks(places, _NEAR_MARKS * point_size(axes)):
+            middle = (first + last) // 2
+            x, y = after[middle] - before[middle]
+            intervals.append((first - last, index, marks[first], marks[last], places[middle],
+                              np.arctan2(x, -y)))
+    for length, index, first, last, place, aside in sorted(  # The longest first.
+            intervals, key=lambda interval: interval[0]):
+        labels.add(f'{first:g}–{last:g} s' if length else f'{first:g} s', place, aside,
+                   baseline_paths, is_needed=length < 0, color=uav_color(index))
 
 
 def _group_marks(places, least):
@@ -225,22 +249,6 @@ def _group_marks(places, least):
             groups.append((first, last))
             first = last + 1
     return groups
-
-
-def _list_free_boxes(axes, text, place, direction, occupied):
-    """Return boxes of a text beside a place on a path, within the map and free, best first."""
-    point = _point_size(axes)
-    # An estimate, without drawing the text.
-    size, (x, y) = np.array([0.62 * len(text), 1.0]) * _FONT_SIZE * point, direction
-    inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
-    boxes = []
-    for gap, angle in product(_GAPS, np.arctan2(x, -y) + _LABEL_ANGLES):
-        aside = np.array([np.cos(angle), np.sin(angle)])
-        center = place + aside * (gap * point + np.abs(aside) @ size / 2)
-        box = shapely.box(*(center - size / 2), *(center + size / 2))
-        if inside.contains(box) and not shapely.intersects(box, occupied).any():
-            boxes.append(box)
-    return boxes
 
 
 def add_map_legend(axes, uav_entries, **options):

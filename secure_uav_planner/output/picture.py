@@ -1,35 +1,31 @@
 """The picture of a plan: a map, and the powers and the rates over time."""
 
+from functools import partial
 from textwrap import wrap
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.text import Text
 import numpy as np
 
 from .drawing import (
-    add_legend, energy_label, map_extent, node_color, RATE, rate_label, scheme_name, style_axes,
-    uav_color)
+    add_legend, energy_label, map_extent, node_color, RATE, rate_label, scheme_dash, scheme_name,
+    style_axes, uav_color)
 from .figures import own_settings, Picture
 from .map import (
-    add_map_legend, draw_ends, draw_ground, draw_map, GREY, LEGEND_WIDTH, LINEAR_SHARE, set_up_map,
-    uav_label)
+    add_map_legend, add_plan_legend, draw_ends, draw_ground, draw_map, draw_paths, GREY,
+    label_map, LEGEND_WIDTH, LINEAR_SHARE, set_up_map, wrap_name)
+from .sheet import lay_out_map, lay_out_sheet, Part
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 
-_MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
-_LEFT, _BOTTOM, _RIGHT = 1.0, 0.6, 2.05  # Beside axes: labels, and legends at the right.
-_RIGHT_WITH_ENERGIES = 3.2
-_PLOT_WIDTH = 4.4  # Beside a map.
-_TITLE_WIDTH = 96  # In characters.
+_WIDTH = 9.6  # Of a picture that is not for a paper, in inches.
+_TITLE_SIZE = 11.0  # In points.
 _DOTS_PER_INCH = 200
 _STRIP = 0.12  # Height of the strip of shares, in heights of the rates.
-_DASHES = ('--', ':', '-.')
 _PAPER = {'font.family': 'serif', 'font.size': 8.0, 'legend.handlelength': 1.5,
           'legend.columnspacing': 1.0, 'legend.handletextpad': 0.4}
-_PAPER_LEFT, _PAPER_BOTTOM, _PAPER_EDGE = 0.6, 0.4, 0.15  # Beside axes, in a column of a paper.
-_PAPER_PLOT, _PAPER_LEGEND, _PAPER_LEGEND_WIDTH = 1.1, 0.5, 1.35
+_LETTER = 0.58  # Mean width of a letter, in font sizes.
 
 
 def save_picture(plan, path, baselines=()):
@@ -43,14 +39,24 @@ def draw_plan(plan, baselines=(), axes=None, title=True, width=None) -> Picture:
 
     :param axes: see Plan.plot, as for the others.
     """
-    text = '\n'.join(line for text in (
-        f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim)
-        for line in wrap(text, _TITLE_WIDTH)) if title else ''
+    lines = (f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim) if title else ()
     if axes is not None:
-        return _draw_parts(axes, plan, baselines, text)
+        return _draw_parts(axes, plan, baselines, _wrap_title(lines, _WIDTH, _TITLE_SIZE))
     with own_settings():
-        return _draw_figure(plan, baselines, text) if width is None else (
-            _draw_for_paper(plan, baselines, text, width))
+        if width is None:
+            return _draw_sheet(
+                plan, baselines, _WIDTH, _wrap_title(lines, _WIDTH, _TITLE_SIZE), _TITLE_SIZE,
+                fontsize=9)
+        with rc_context(_PAPER):
+            size = _PAPER['font.size']
+            return _draw_sheet(plan, baselines, width, _wrap_title(lines, width, size), size,
+                               has_energies=False, fontsize=size)
+
+
+def _wrap_title(lines, width, font_size):
+    """Return lines of text, wrapped for a figure of a width in inches."""
+    letters = int(0.9 * width * 72.0 / (_LETTER * font_size))
+    return [part for line in lines for part in wrap(line, letters)]
 
 
 def checked_axes(axes) -> list[Axes] | None:
@@ -64,101 +70,64 @@ def checked_axes(axes) -> list[Axes] | None:
     return members
 
 
-def _draw_parts(axes, plan, baselines, title, map_legend=None, legend=None):
+def _draw_parts(axes, plan, baselines, title):
     """Draw the map, the powers and the rates into as many axes as there are, with legends."""
-    extent = map_extent(plan.scenario, [plan, *baselines])
-    draw_map(axes[0], plan, extent, baselines, **map_legend or {})
-    axes[0].set_title(title, fontsize=11, loc='left')
+    draw_map(axes[0], plan, map_extent(plan.scenario, [plan, *baselines]), baselines)
+    axes[0].set_title('\n'.join(title), fontsize=_TITLE_SIZE, loc='left')
     if len(axes) > 1:
-        draw_powers(axes[1], plan, **legend or {})
+        draw_powers(axes[1], plan)
     if len(axes) > 2:
-        draw_rates(axes[2], plan, baselines, **legend or {})
+        draw_rates(axes[2], plan, baselines)
     return axes[0].figure
 
 
-def _draw_for_paper(plan, baselines, title, width):
-    """Draw map, powers and rates below each other, as wide as a column, in the fonts of papers."""
-    sides = np.ptp(map_extent(plan.scenario, [plan, *baselines]), axis=0)
-    room = width - _PAPER_LEFT - _PAPER_EDGE
-    bottom = 3 * _PAPER_BOTTOM + 2 * (_PAPER_PLOT + _PAPER_LEGEND)
-    if sides[1] > sides[0]:  # The legend of the map is at its right, otherwise below.
-        size = sides * min((room - _PAPER_LEGEND_WIDTH) / sides[0], 1.2 * width / sides[1])
-        map_legend = {'handlelength': 1.5}
-    else:
-        size = sides * room / sides[0]
-        map_legend = {'handlelength': 1.5, 'loc': 'upper left', 'ncols': 2,
-                      'bbox_to_anchor': (0.0, -_PAPER_BOTTOM / size[1])}
-        bottom += 2 * _PAPER_LEGEND + _PAPER_BOTTOM
-    with rc_context(_PAPER):
-        axes = _make_axes(
-            width, bottom + size[1] + _PAPER_EDGE + 0.2 * len(title.splitlines()),
-            (_PAPER_LEFT, bottom, *size),
-            (_PAPER_LEFT, 2 * _PAPER_BOTTOM + _PAPER_PLOT + _PAPER_LEGEND, room, _PAPER_PLOT),
-            (_PAPER_LEFT, _PAPER_BOTTOM, room, _PAPER_PLOT))
-        figure = _draw_parts(axes, plan, baselines, title, map_legend, {
-            'loc': 'lower left', 'bbox_to_anchor': (0.0, 1.0), 'ncols': 2})
-        for text in figure.findobj(Text):
-            text.set_fontsize(_PAPER['font.size'])
-    return figure
-
-
-def _draw_figure(plan, baselines, title):
-    """Draw the map, and beside or below it powers and rates."""
-    width, height = _map_size(map_extent(plan.scenario, [plan, *baselines]))
-    top = 0.35 + 0.2 * title.count('\n')
-    right = _RIGHT_WITH_ENERGIES if any(plan.energies) else _RIGHT
-    if height > width:  # The plots are beside the map, otherwise below.
-        left, half = 2 * _LEFT + width + _RIGHT, height / 2 - 0.15
-        map_axes, power_axes, rate_axes = _make_axes(
-            left + _PLOT_WIDTH + right, height + _BOTTOM + top, (_LEFT, _BOTTOM, width, height),
-            (left, _BOTTOM + height - half, _PLOT_WIDTH, half),
-            (left, _BOTTOM, _PLOT_WIDTH, half))
-    else:
-        map_axes, power_axes, rate_axes = _make_axes(
-            _LEFT + width + right, height + 4.45 + top, (_LEFT, 4.45, width, height),
-            (_LEFT, 2.45, width, 1.4), (_LEFT, _BOTTOM, width, 1.7))
+def _draw_sheet(plan, baselines, width, title, title_size, has_energies=True, **legend):
+    """Return the Figure of a width with the three parts, placed by lay_out_sheet."""
+    figure = Picture(figsize=(width, width))
+    map_axes, power_axes, rate_axes = figure.subplots(3)
+    draw_paths(map_axes, plan, map_extent(plan.scenario, [plan, *baselines]), baselines)
+    draw_powers(power_axes, plan, has_energies)
+    draw_rates(rate_axes, plan, baselines)
     power_axes.tick_params(labelbottom=False)
-    return _draw_parts((map_axes, power_axes, rate_axes), plan, baselines, title)
-
-
-def _make_axes(width, height, *boxes):
-    """
-    Return axes of a new figure, each at a left and a bottom with a width and a height.
-
-    They are placed in inches, because constrained layout cuts off legends beside axes of equal
-    aspect.
-    """
-    figure = Picture(figsize=(width, height))
-    return [figure.add_axes(np.array(box) / (width, height, width, height)) for box in boxes]
+    lay_out_sheet(figure, (
+        Part(map_axes, partial(add_plan_legend, map_axes, plan, **legend)),
+        Part(power_axes, partial(add_legend, power_axes, **legend)),
+        Part(rate_axes, partial(add_legend, rate_axes, **legend))), title, title_size)
+    label_map(map_axes, plan.scenario, plan, baselines)
+    return figure
 
 
 @own_settings()
 def draw_scenario(scenario) -> Picture:
     """Return a matplotlib Figure with the map of a Scenario."""
-    extent = map_extent(scenario)
-    width, height = _map_size(extent)
-    [axes] = _make_axes(_LEFT + width + _RIGHT, height + 0.8, (_LEFT, _BOTTOM, width, height))
-    set_up_map(axes, extent)
+    axes = Picture().subplots()
+    set_up_map(axes, map_extent(scenario))
     draw_ground(axes, scenario)
     for index, uav in enumerate(scenario.uavs):
         axes.annotate('', uav.goal, uav.start, zorder=3, arrowprops={
             'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
         draw_ends(axes, index, uav.start, uav.goal)
-    add_map_legend(axes, {
-        uav_label(uav, f', {uav.altitude:g} m high'): Line2D(
+    lay_out_map(Part(axes, partial(add_map_legend, axes, {
+        wrap_name(uav.name, f', {uav.altitude:g} m high'): Line2D(
             [], [], color=uav_color(index), linestyle=(0, (2, 4)))
-        for index, uav in enumerate(scenario.uavs)})
+        for index, uav in enumerate(scenario.uavs)})))
+    label_map(axes, scenario)
     return axes.figure
 
 
-def draw_powers(axes, plan, **legend):
-    """Draw the power of each slot, and the limits that all UAVs share; see add_legend."""
+def draw_powers(axes, plan, has_energies=True, **legend):
+    """
+    Draw the power of each slot, and the limits that all UAVs share.
+
+    :param has_energies: whether the legend has the energy of each UAV.
+    :param legend: see add_legend.
+    """
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
                     label='\n'.join(filter(None, (
-                        uav_label(uav, ' (jams)' if index else ' (transmits)'),
-                        energy_label(plan.energies[index])))))
+                        wrap_name(uav.name, ' (jams)' if index else ' (transmits)', 26),
+                        energy_label(plan.energies[index] if has_energies else None)))))
     limits = {}
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
         values = {getattr(uav, field) for uav in plan.scenario.uavs}
@@ -171,7 +140,7 @@ def draw_powers(axes, plan, **legend):
                       color=GREY, fontsize=8)
     peak = max(uav.peak_power for uav in plan.scenario.uavs)
     axes.set_yscale('asinh', linear_width=LINEAR_SHARE * peak)
-    axes.set_ylim(0, 1.5 * peak)
+    axes.set_ylim(0, 2.5 * peak)  # With room for the label of the peak.
     exponents = np.arange(*np.floor(np.log10([10 * LINEAR_SHARE * peak, 10 * peak])))
     ticks = [0.0, *(10.0 ** exponents)]
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
@@ -188,9 +157,10 @@ def draw_rates(axes, plan, baselines=(), **legend):
                 label=worst)
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
     axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label=guaranteed)
-    for baseline, dash in zip(baselines, _DASHES):
+    for baseline in baselines:
         axes.stairs(baseline.guaranteed_rates, baseline.times[1:], color=GREY, linewidth=1.1,
-                    linestyle=dash, label=scheme_name(baseline.method).replace(', ', ',\n'))
+                    linestyle=scheme_dash(baseline.method),
+                    label=scheme_name(baseline.method).replace(', ', ',\n'))
     highest = max(drawn.worst_case_rates.max() for drawn in (plan, *baselines))
     highest = 1.08 * max(highest, 0.01)
     axes.set_ylim(0, highest)
@@ -214,9 +184,3 @@ def _finish_time_axes(axes, plan, label, legend):
                      label='promised until')
     style_axes(axes)
     add_legend(axes, **legend)
-
-
-def _map_size(extent):
-    """Return width and height of the map in inches."""
-    sides = extent[1] - extent[0]
-    return sides * (np.array(_MAP_SIZE) / sides).min()

@@ -239,7 +239,8 @@ class Plan(RatedFlight):
             the powers and the rates, as many as wanted; None for a new figure.
         :param title: whether the map has the rates as its title.
         :param width: width of a new figure in inches, at least 2.5, with all texts in the serif
-            font of 8 pt; None for a large one in the user's font.
+            font of 8 pt, without energies, and at most 9 inches high; None for a large one in the
+            user's font.
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """

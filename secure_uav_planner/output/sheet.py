@@ -1,0 +1,161 @@
+"""
+Where the parts of a picture are; sizes are measured, and in inches.
+
+Constrained layout cuts off legends beside axes of equal aspect.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+_EDGE, _GAP, _PART_GAP = 0.12, 0.08, 0.25
+_MOST_HEIGHT = 9.0  # Of the text on a page.
+_LEAST_BESIDE = 6.0  # Width from which the charts stand beside the map.
+_FLATTEST_BESIDE = 0.5  # Height of a map in widths, below which the charts stand under it.
+_MOST_MAP = 0.5  # Height of a map beside charts, in widths of the figure.
+_MAP_SHARE = 0.5  # Of the width, at most for a map beside charts.
+_LEGEND_SHARE = 0.28  # Of the width, for the legend of a narrow map beside charts.
+_LEAST_CHART = 0.95  # Height of a chart.
+_CHART_SHARE = 0.15  # Height of a chart below a map, in widths of the figure.
+_LEAST_MAP_SHARE = 0.75  # Of the width of a map, to be left by a legend at its right.
+_SINGLE_MAP = 5.95, 5.6  # Largest size of a map without charts.
+
+
+class Part(NamedTuple):
+    """Axes, and a function that makes their legend from options such as `ncols`."""
+
+    axes: object
+    add_legend: object
+
+    def fit_legend(self, room):
+        """Make the legend with as many columns as a width has room for; return its size (2,)."""
+        for columns in (4, 3, 2, 1):
+            self.add_legend(loc='upper left', borderaxespad=0, borderpad=0, ncols=columns)
+            size = self._measure(self.axes.get_legend())
+            if size[0] <= room:
+                break
+        return size
+
+    def measure_margins(self):
+        """Return what numbers and names need at the left of axes, below and at the right."""
+        (x0, y0), (x1, _) = self.axes.get_window_extent().get_points()
+        boxes = [box for axis in (self.axes.xaxis, self.axes.yaxis)
+                 if (box := axis.get_tightbbox()) is not None]
+        return np.maximum(0.0, [
+            x0 - min(box.x0 for box in boxes), y0 - min(box.y0 for box in boxes),
+            max(box.x1 for box in boxes) - x1]) / self.axes.figure.dpi
+
+    def settle(self, box, corner):
+        """Put the axes into a box (x, y, width, height), the legend's upper left to a corner."""
+        figure = self.axes.figure
+        self.axes.set_position(np.array(box) / np.tile(figure.get_size_inches(), 2))
+        self.axes.get_legend().set_bbox_to_anchor(corner, figure.dpi_scale_trans)
+
+    def _measure(self, artist):
+        return np.array(artist.get_window_extent().size) / self.axes.figure.dpi
+
+
+def lay_out_sheet(figure, parts, title, title_size):
+    """
+    Place a map and two charts with their legends in a figure, whose width stays.
+
+    :param parts: the Part of the map, of the powers and of the rates.
+    :param title: lines of text above them.
+    :param title_size: font size of the title in points.
+    """
+    width = figure.get_figwidth()
+    sides = _map_sides(parts[0].axes)
+    top = _EDGE + 1.4 * title_size / 72.0 * len(title) + (_GAP if title else 0.0)
+    is_beside = width >= _LEAST_BESIDE and sides[1] >= _FLATTEST_BESIDE * sides[0]
+    place = _place_beside if is_beside else _place_below
+    for _ in range(2):  # The numbers at axes depend on the size of the axes.
+        height, places = place(parts, width, sides, top)
+        figure.set_figheight(height)
+        for part, (box, corner) in zip(parts, places):
+            part.settle(box, corner)
+    if title:
+        figure.text(_EDGE / width, 1 - _EDGE / height, '\n'.join(title), fontsize=title_size,
+                    va='top')
+
+
+def lay_out_map(part):
+    """Place a map and its legend at the right in a figure, whose size follows."""
+    figure, sides = part.axes.figure, _map_sides(part.axes)
+    width, height = sides * (np.array(_SINGLE_MAP) / sides).min()
+    for _ in range(2):
+        left, bottom, _ = part.measure_margins()
+        legend = part.fit_legend(0.0)
+        top = _EDGE + max(height + bottom, legend[1]) + _EDGE
+        figure.set_size_inches(_EDGE + left + width + 2 * _GAP + legend[0] + _EDGE, top)
+        part.settle((_EDGE + left, top - _EDGE - height, width, height),
+                    (_EDGE + left + width + 2 * _GAP, top - _EDGE - max(
+                        0.0, (height - legend[1]) / 2)))
+
+
+def _place_beside(parts, width, sides, top):
+    """Place the map above its legend at the left, the charts at the right; see _place_below."""
+    map_part, *charts = parts
+    left, bottom, right = map_part.measure_margins()
+    chart_left, chart_bottom, chart_right = _join_margins(charts)
+    map_width = min(_MAP_SHARE * width - left, _MOST_MAP * width * sides[0] / sides[1])
+    map_height = map_width * sides[1] / sides[0]
+    legend = map_part.fit_legend(max(left + map_width, _LEGEND_SHARE * width))
+    x = _EDGE + max(left + map_width + right, legend[0]) + _PART_GAP + chart_left
+    chart_width = width - x - chart_right - _EDGE
+    legends = [part.fit_legend(chart_width) for part in charts]
+    rest = sum(size[1] for size in legends) + 3 * _GAP + chart_bottom
+    block = max(map_height + bottom + _GAP + legend[1], 2 * _LEAST_CHART + rest)
+    height = top + block + _EDGE
+    y = height - top - map_height
+    places = [((_EDGE + left, y, map_width, map_height), (_EDGE, y - bottom - _GAP))]
+    return height, places + _stack_charts(
+        legends, x, height - top, chart_width, (block - rest) / 2)
+
+
+def _place_below(parts, width, sides, top):
+    """Return the height of a figure with the charts below the map, and a place of each part."""
+    map_part, *charts = parts
+    left, _, right = _join_margins(parts)
+    bottom, chart_bottom = map_part.measure_margins()[1], charts[-1].measure_margins()[1]
+    room = width - 2 * _EDGE - left - right
+    chart_height = max(_LEAST_CHART, _CHART_SHARE * width)
+    legends = [part.fit_legend(room) for part in charts]
+    rest = (_PART_GAP + sum(size[1] for size in legends) + 3 * _GAP + 2 * chart_height
+            + chart_bottom)
+    most_height = min(0.97 * width, _MOST_HEIGHT - top - bottom - rest - _EDGE)
+    legend = map_part.fit_legend(0.0)
+    left_over = room - 2 * _GAP - legend[0]
+    is_beside = left_over >= _LEAST_MAP_SHARE * min(room, most_height * sides[0] / sides[1])
+    if not is_beside:
+        legend, left_over = map_part.fit_legend(left + room), room
+        most_height = min(most_height, _MOST_HEIGHT - top - bottom - rest - 2 * _GAP - legend[1])
+    map_width = min(left_over, most_height * sides[0] / sides[1])
+    map_height = map_width * sides[1] / sides[0]
+    block = max(map_height + bottom, legend[1]) if is_beside else (
+        map_height + bottom + _GAP + legend[1])
+    height = top + block + rest + _EDGE
+    y = height - top - map_height
+    corner = (_EDGE + left + map_width + 2 * _GAP,
+              height - top - max(0.0, (map_height - legend[1]) / 2)) if is_beside else (
+                  _EDGE, y - bottom - _GAP)
+    return height, [((_EDGE + left, y, map_width, map_height), corner)] + _stack_charts(
+        legends, _EDGE + left, height - top - block - _PART_GAP, room, chart_height)
+
+
+def _stack_charts(legends, x, y, width, height):
+    """Return the places of charts below each other from a point down, below their legends."""
+    places = []
+    for size in legends:
+        corner = x, y
+        y -= size[1] + _GAP + height
+        places.append(((x, y, width, height), corner))
+        y -= _GAP
+    return places
+
+
+def _join_margins(parts):
+    return np.max([part.measure_margins() for part in parts], axis=0)
+
+
+def _map_sides(axes):
+    return np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
