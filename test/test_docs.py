@@ -20,6 +20,7 @@ from ros_client import flat, node_here, values_of, wait_for
 import secure_uav_planner
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.planner import Planner
+from secure_uav_planner.ros.relay_reports import RelayState
 from secure_uav_planner.ros.replay import Replay
 from test_security import lone_node
 import yaml
@@ -297,6 +298,8 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
         statuses = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: client.plan_paper() and have_come(of_solves))
         client.follow()
+        client.publisher(DiagnosticStatus, 'uav1/relay').publish(
+            RelayState('/relay', 'passing', 1.0).to_message('uav1'))
         wait_for(lambda: have_come(documented - of_receivers))
         client.send_odometry('eavesdropper/odom', 200, 0, (1.0, 0.0))
         assert client.call('planner/plan').success

@@ -161,3 +161,21 @@ def test_a_clock_that_jumps_ends_the_stream_and_the_next_setpoint_begins_one(jum
     now += jump * SECOND
     assert guard.has_ended(now, LIMITS)
     assert passes(guard, at(x, now)) and guard.hold(now) is None
+
+
+def test_what_becomes_of_a_stream_is_told_with_its_reason():
+    guard, x, now = streamed()
+    assert guard.stream(now, LIMITS) == ('passing', '')
+    for number in range(1, 10):  # Of another source, while this one goes on.
+        now += STEP
+        guard.note_refusal('it is far', now)
+        assert passes(guard, at(x + 0.5 * number, now))
+        assert guard.stream(now, LIMITS) == ('passing', '')
+    assert guard.stream(now + SECOND // 2, LIMITS) == ('holding', 'it is far')
+    assert guard.stream(now + 2 * SECOND, LIMITS) == ('holding', 'no setpoint comes')
+    guard.note_refusal('its frame_id is wrong', now + SECOND // 2)
+    assert guard.stream(now + SECOND, LIMITS) == ('holding', 'its frame_id is wrong')
+    assert guard.has_ended(now + 2 * SECOND, LIMITS)
+    assert guard.stream(now + 2 * SECOND, LIMITS) == ('silent', '')
+    guard.note_refusal('it is 50.0 m from the vehicle', now + 3 * SECOND)
+    assert guard.stream(now + 3 * SECOND, LIMITS) == ('refused', 'it is 50.0 m from the vehicle')

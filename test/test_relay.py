@@ -13,12 +13,13 @@ import message_package
 from nav_msgs.msg import Odometry, Path
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_client import node_here, pose_message, refusal, wait_for, wait_for_line
+from ros_client import (
+    node_here, node_process, pose_message, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.relay import Relay
-from secure_uav_planner.ros.topics import TOPICS
+from secure_uav_planner.ros.topics import LATCHED, TOPICS
 from std_srvs.srv import SetBool
 from strategies import with_uavs
 from test_messages import sent
@@ -289,6 +290,62 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
         until_said('it is 20.0 m from the vehicle', count=2)
         assert len(targets) == count
         source.until(lambda: stands_at(11.0) and len(targets) > count + 1)
+
+
+def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_the_planner(
+        packages, client):
+    reports = client.listen(DiagnosticArray, '/diagnostics', 1000)
+    assert listen_to_mavros(packages, client) == []
+    with node_process('relay', stack='mavros') as relay, \
+            node_here('planner', duration=150.0, slots=30):
+        source = Source(client, 'uav1')
+        publisher = client.publisher(Odometry, 'uav1/mavros/local_position/odom')
+
+        def until(state, level, text, x=None, sends=True):
+            """Wait until diagnostics and the planner's status tell a state of uav1."""
+            def is_told():
+                if x is not None:
+                    publisher.publish(pose_message(Odometry, x, 20.0, 30.0))
+                if sends:
+                    source.send()
+                told = [status for message in reports for status in message.status
+                        if status.name == 'relay: uav1']
+                return told and text in told[-1].message and (
+                    values_of(told[-1])['state'] == state and told[-1].level == level
+                    and client.status.get('relay.uav1') == state)
+            wait_for(is_told, what=state)
+
+        ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
+        until('silent', warn, 'has heard no setpoints for ', sends=False)
+        until('refused', warn, 'it is 20.0 m from the vehicle and start_tolerance is 5 m', 30.0)
+        wait_for(lambda: 'the relay of uav1, /relay, has refused setpoints for ' in (
+            client.statuses[-1].message), what='the reason in the status of the planner')
+        until('passing', ok, 'passes setpoints on', 11.0)
+        source.place.x = 410.0
+        until('holding', warn, 's: it is 400.0 m from the last one', 11.0)
+        client.call('relay/enable', SetBool, SetBool.Request(data=False))
+        until('disabled', warn, 'sends nothing until ~/enable is called with true', 11.0)
+        client.follow()
+        client.plan_paper()
+        wait_for(lambda: 'the relay of uav1, /relay, sends nothing' in client.statuses[-1].message)
+        relay.kill()
+        wait_for(lambda: client.status['relay.uav1'] == 'lost' and (
+            'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].message))
+
+
+@pytest.mark.parametrize('stack, kind, topic', [
+    ('px4', 'VehicleLocalPosition', 'fmu/out/vehicle_local_position_v1'),
+    ('mavros', 'GeoPointStamped', 'mavros/global_position/gp_origin')])
+def test_a_reference_that_was_published_once_before_the_relay_had_started_is_used(
+        packages, client, stack, kind, topic):
+    kind = packages({'px4': 'px4_msgs', 'mavros': 'geographic_msgs'}[stack], kind)
+    reference = reference_at(kind, 25.0) if stack == 'px4' else kind()
+    if stack == 'mavros':
+        reference.position.latitude, reference.position.longitude = map(
+            float, ZURICH.to_geographic(25.0, 0.0))
+    client.node.create_publisher(kind, f'uav1/{topic}', LATCHED).publish(reference)
+    with node_here('relay', stack=stack, uav1__reference=stack, **MISSION) as process:
+        wait_for_line(process, 'the local frame of uav1 begins at (25.00, 0.00) m')
 
 
 def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(packages, client):

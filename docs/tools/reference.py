@@ -42,11 +42,12 @@ def interfaces() -> list[Interface]:
         rows += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
                            describe_qos(SENSOR), f'with `stack` {name}: where the vehicle is')
                  for kind, topic in stack.states.items()]
-    rows += [Interface(node, 'sub', f'{member}/{source.topic}', source.kind.replace('/', '/msg/'),
-                       describe_qos(SENSOR), f'with `<uav>.reference` {name}: where the local '
-                       'frame of the vehicle begins')
+    rows += [Interface(node, 'sub', f'{member}/{topic}', source.kind.replace('/', '/msg/'),
+                       f'{describe_qos(SENSOR)}; and latched',
+                       f'with `<uav>.reference` {name}: where the local frame of the vehicle '
+                       'begins')
              for node, member in (('planner', '<uav>'), ('relay', '<vehicle>'))
-             for name, source in REFERENCES.items()]
+             for name, source in REFERENCES.items() for topic in source.topics]
     return rows
 
 

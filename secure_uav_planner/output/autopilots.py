@@ -256,12 +256,12 @@ class Reference(NamedTuple):
 
 
 class ReferenceSource(NamedTuple):
-    """The message of a Reference, as Stack describes messages, and what reads it."""
+    """The message of a Reference, as Stack describes messages, its topics, and what reads it."""
 
     package: str
     source: str
     kind: str
-    topic: str
+    topics: tuple[str, ...]
     read: Callable[[Any], Reference]
     debian: str = ''
 
@@ -287,10 +287,11 @@ def mavros_reference(message: Any) -> Reference:
 REFERENCES = {
     'px4': ReferenceSource(
         'px4_msgs', STACKS['px4'].source, 'px4_msgs/VehicleLocalPosition',
-        'fmu/out/vehicle_local_position', px4_reference),
+        # PX4 appends the version of a message to the name of its topic, if that is not 0.
+        ('fmu/out/vehicle_local_position', 'fmu/out/vehicle_local_position_v1'), px4_reference),
     'mavros': ReferenceSource(
         'geographic_msgs', 'https://github.com/ros-geographic-info/geographic_info',
-        'geographic_msgs/GeoPointStamped', 'mavros/global_position/gp_origin', mavros_reference,
+        'geographic_msgs/GeoPointStamped', ('mavros/global_position/gp_origin',), mavros_reference,
         debian='ros-jazzy-geographic-msgs')}
 """Each ReferenceSource by its name."""
 

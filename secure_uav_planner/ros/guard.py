@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
+from typing import NamedTuple
 
 from ..errors import OptionError
 from ..output.autopilots import Setpoint, Vector
@@ -39,6 +40,19 @@ class Limits:
     timeout: float
 
 
+class Stream(NamedTuple):
+    """
+    What becomes of the setpoints of a UAV.
+
+    :param state: 'passing', 'holding' the last place, 'refused' before any has passed, or
+        'silent'.
+    :param reason: of a stream that is held or refused, with the numbers.
+    """
+
+    state: str
+    reason: str = ''
+
+
 class Guard:
     """Passes the setpoints of one UAV unless they jump, and holds the last place; times in ns."""
 
@@ -46,6 +60,7 @@ class Guard:
         self._last: Setpoint | None = None  # That has passed, with the time of its arrival.
         self._last_passed = 0
         self._last_arrived = 0  # The last setpoint with a present stamp, passed or not.
+        self._refusal = '', 0  # Of the last setpoint that was refused, and its arrival.
         self._vehicle: tuple[Vector, int] | None = None  # Its position, and the time of that.
         self._has_moved = False  # The frame, since a setpoint has passed.
 
@@ -68,6 +83,21 @@ class Guard:
     def note_arrival(self, now: int) -> None:
         """Note that a setpoint has come that cannot be converted; the last place is held."""
         self._last_arrived = now
+
+    def note_refusal(self, reason: str, now: int) -> None:
+        """Note why a setpoint was refused, by this guard or before it."""
+        self._refusal = reason, now
+
+    def stream(self, now: int, limits: Limits) -> Stream:
+        """Return what becomes of the setpoints at present."""
+        reason, refused = self._refusal
+        is_refused = reason and _within(refused, now, limits.timeout)
+        if self._last is None:
+            return Stream('refused', reason) if is_refused else Stream('silent')
+        if self.hold(now) is None:
+            return Stream('passing')
+        return Stream('holding', reason if is_refused and refused >= self._last_passed else
+                      'no setpoint comes')
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
         """Note a setpoint, or raise an OptionError with the reason to refuse it."""

@@ -13,6 +13,7 @@ from sensor_msgs.msg import TimeReference
 
 from .messages import nanoseconds, read_plan_time
 from .poses import PoseBook
+from .relay_reports import RelayReports
 from ..errors import LateError, quote, SupersededError
 from ..mission.scenario import Array
 from ..plan.flight import Flight
@@ -52,10 +53,12 @@ class PlanTracking:
 
     Of several followers the first one under way counts, until it ends or is silent. Settings are
     the values of the planner's parameters by name, and `now` is the node's time in s.
+
+    :ivar relays: what becomes of the setpoints of each UAV, where a relay reports it.
     """
 
     def __init__(self, poses: PoseBook) -> None:
-        self._poses = poses
+        self._poses, self.relays = poses, RelayReports()
         self._plans: dict[str, _TrackedPlan] = {}  # By identity.
         self._published_ns = 0  # The newest plan.
         self._track = AchievedRates()
@@ -252,9 +255,14 @@ class PlanTracking:
     def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
         """Return the problems of the flight in words, and the values of the status by key."""
         flight, most = self.flight(now), settings['track_tolerance']
-        problems = self._follower_problems(now)
+        is_under_way = flight is not None and flight.is_under_way
+        problems = self._follower_problems(now) + [
+            problem for name in settings['uavs']
+            if (problem := self.relays.problem(name, is_under_way))]
+        relays = {f'relay.{name}': state.name for name in settings['uavs']
+                  if (state := self.relays.state(name))}
         if flight is None:
-            return problems, {}
+            return problems, relays
         problems += self._promise_problems(flight)
         silence = now - self._last_arrival[0]
         if flight.is_under_way and silence > SILENCE:
@@ -270,7 +278,7 @@ class PlanTracking:
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
                             f'adopted it and flies {flight.playback.plan.identity}')
-        return problems, {
+        return problems, relays | {
             'track.plan': flight.playback.plan.identity, 'track.time': flight.time,
             'track.state': flight.state if flight.is_reported else f'{flight.state}, silent',
             **{f'track.distance.{name}': distances.get(name, 'none')

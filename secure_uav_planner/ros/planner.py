@@ -90,6 +90,8 @@ class Planner(Node):
         self.create_timer(_CHECK_PERIOD, self._on_check, clock=steady)
         topics = dict(TOPICS['planner', 'sub'])
         subscribe(self, {'plan_time': topics.pop('plan_time')}, self._on_plan_time, group, ())
+        subscribe(self, {'<uav>/relay': topics.pop('<uav>/relay')}, self._on_relay, group,
+                  self._uavs)
         subscribe(self, topics, self._on_pose, group, self._uavs, {
             f'<{kind}>': self._settings[f'{kind}s'] for kind in ('ground_node', 'eavesdropper')})
 
@@ -128,6 +130,10 @@ class Planner(Node):
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
         self._poses.follow_clock(self._now())
         self._tracking.add_report(message, self._now())
+
+    def _on_relay(self, topic: str, message: DiagnosticStatus) -> None:
+        if self._tracking.relays.take(topic, message):
+            self._publish_status()
 
     # Planning on request
 

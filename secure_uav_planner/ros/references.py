@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from .messages import import_messages
 from .settings import origin_from, Settings
-from .topics import OVERRIDABLE, SENSOR
+from .topics import LATCHED, OVERRIDABLE, SENSOR
 from ..errors import brief, PlanningError, PoseError
 from ..mission.geography import Origin
 from ..output.autopilots import Reference, REFERENCES, Vector
@@ -42,13 +42,17 @@ class LocalFrames:
         for name, vehicle in vehicles.items():
             source = REFERENCES.get(settings[f'{name}.reference'])
             if source is not None:
-                topic = f'{vehicle}/{source.topic}'
-                self._unknown[name] = f'where its frame begins has not come on {topic}'
+                topics = [f'{vehicle}/{topic}' for topic in source.topics]
+                self._unknown[name] = (
+                    f'where its frame begins has not come on {" or ".join(topics)}')
                 kind, = import_messages(
                     f'{name}.reference', settings[f'{name}.reference'], source, [source.kind])
-                node.create_subscription(
-                    kind, topic, partial(self._on_message, name, source.read), SENSOR,
-                    qos_overriding_options=OVERRIDABLE)
+                callback = partial(self._on_message, name, source.read)
+                for topic in topics:
+                    node.create_subscription(
+                        kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
+                    # What was published once, before this node had started.
+                    node.create_subscription(kind, topic, callback, LATCHED)
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """

@@ -4,20 +4,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 import math
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from .guard import Guard, Limits
+from .guard import Guard, Limits, Stream
 from .messages import diagnostic_status, fill_message, import_messages, read_setpoint
 from .parameters import RELAY, RELAY_MEMBERS
 from .process import run_node
 from .references import LocalFrames
+from .relay_reports import RelayState, REPORT_PERIOD
 from .settings import check_references, Settings
 from .topics import (
     Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
@@ -43,6 +46,8 @@ class Relay(Node):
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
         self._is_enabled = True
         self._guard_by_uav = {name: Guard() for name in uavs}
+        # What becomes of the setpoints of each UAV, and since when by time.monotonic.
+        self._streams = {name: (Stream('silent'), time.monotonic()) for name in uavs}
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
         self._outputs: dict[str, dict[str, Publisher]] = {}
@@ -66,7 +71,10 @@ class Relay(Node):
         self._frames = LocalFrames(self, self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
-        self.create_timer(1.0, self._publish_diagnostics, clock=timer_clock(self))
+        # Reports go on where simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(REPORT_PERIOD, self._publish_reports, clock=steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         self._settings.warn_of_unknown()
         if not self._settings['start_tolerance']:
             self.get_logger().warning(
@@ -118,6 +126,7 @@ class Relay(Node):
         except PlanningError as error:
             if isinstance(error, PoseError):
                 self._guard_by_uav[name].note_arrival(now)
+            self._guard_by_uav[name].note_refusal(brief(error), now)
             self._loggers[name].warning(
                 f'a setpoint of {name} is not relayed: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
@@ -137,13 +146,32 @@ class Relay(Node):
                     throttle_duration_sec=_WARN_AGAIN)
                 self._publish(name, self._stack.fields(held, now))
 
+    def _relay_states(self) -> dict[str, RelayState]:
+        """Return what becomes of the setpoints of each UAV, by its name."""
+        states, relay = {}, self.get_fully_qualified_name()
+        for name, guard in self._guard_by_uav.items():
+            stream, monotonic = (guard.stream(self._now, self._limits(name))
+                                 if self._is_enabled else Stream('disabled')), time.monotonic()
+            last, since = self._streams[name]
+            since = since if stream.state == last.state else monotonic
+            self._streams[name] = stream, since
+            states[name] = RelayState(relay, stream.state, monotonic - since, stream.reason)
+        return states
+
+    def _publish_reports(self) -> None:
+        for name, state in self._relay_states().items():
+            self._node_outputs[f'{name}/relay'].publish(state.to_message(name))
+
     def _publish_diagnostics(self) -> None:
         problems = self._frames.problems
+        relay = self.get_fully_qualified_name()
         self._node_outputs['/diagnostics'].publish(DiagnosticArray(
             header=Header(stamp=self.get_clock().now().to_msg()), status=[diagnostic_status(
-                f'{self.get_fully_qualified_name().lstrip("/")}: local frames',
+                f'{relay.lstrip("/")}: local frames',
                 DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-                '; '.join(problems) or 'known', {})]))
+                '; '.join(problems) or 'known', {}), *(
+                    state._replace(relay=relay.lstrip('/')).to_message(name)
+                    for name, state in self._relay_states().items())]))
 
     def _publish(self, name: str, fields: Mapping[str, Mapping[str, Any]]) -> None:
         for kind, values in fields.items():

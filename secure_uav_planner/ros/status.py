@@ -54,6 +54,9 @@ STATUS_KEYS = {
     'plan.iterations': 'how many it took',
     'plan.solve_time': 'how long it took, s',
     'pose_age.<topic>': 'age of the last pose or odometry on a topic, s; `none` before the first',
+    'relay.<uav>': 'what becomes of the setpoints of a UAV by its relay: `passing`, `holding` '
+                   'the last place, `refused`, `disabled`, `silent` (no setpoints come), or '
+                   '`lost` if the relay has ceased to report; without a relay there is none',
     'track.plan': 'identity of the plan that is flown, by the reports on `plan_time`; without any '
                   'there is no `track`',
     'track.time': 'progress of the flight, s from point 0',

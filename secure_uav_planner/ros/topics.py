@@ -71,7 +71,9 @@ TOPICS = {
         '<uav>/pose': Topic(PoseStamped, SENSOR, 'optional: where the UAV is'),
         '<uav>/odom': Topic(Odometry, SENSOR,
                             'optional: where the UAV is and how fast; used before its pose, '
-                            'unless that is fresher by a second')},
+                            'unless that is fresher by a second'),
+        '<uav>/relay': Topic(DiagnosticStatus, SENSOR, 'optional: what becomes of the setpoints '
+                             'of the UAV')},
     ('planner', 'pub'): {
         '<uav>/path': Topic(Path, LATCHED, 'every point of the plan with its time'),
         '<uav>/power': Topic(Float64MultiArray, LATCHED, 'the power of every slot in W'),
@@ -115,8 +117,10 @@ TOPICS = {
     ('relay', 'pub'): {
         '<uav>/odom': Topic(Odometry, STREAM,
                             'what the autopilot reports, in the frame of the plan'),
-        '/diagnostics': Topic(DiagnosticArray, STREAM, 'whether the local frames of the vehicles '
-                              'are known, and have moved, once a second')},
+        '<uav>/relay': Topic(DiagnosticStatus, STREAM, 'what becomes of the setpoints of the UAV, '
+                             'and why, five times a second'),
+        '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same, and whether the local frames of '
+                              'the vehicles are known, and have moved, once a second')},
 }
 """Every Topic by its node and direction, but for those of the relay's stacks."""
 

@@ -1,0 +1,110 @@
+"""What relays do with the setpoints of each UAV, as they report it on `<uav>/relay`."""
+
+from collections.abc import Callable
+import time
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from .messages import diagnostic_status
+from ..errors import brief
+
+REPORT_PERIOD = 0.2
+"""Time in s between two reports of a relay."""
+
+_LOST_AFTER_S = 1.0  # A relay that has not reported for so long counts as lost.
+
+_TEXTS = {
+    'passing': 'passes setpoints on',
+    'holding': 'has held the last place for {for_:.1f} s: {reason}',
+    'refused': 'has refused setpoints for {for_:.1f} s: {reason}',
+    'disabled': 'sends nothing until ~/enable is called with true',
+    'silent': 'has heard no setpoints for {for_:.1f} s and sends nothing',
+    'lost': 'has not reported for {for_:.1f} s, so nothing passes setpoints on; start it again'}
+
+
+class RelayState(NamedTuple):
+    """
+    What a relay does with the setpoints of a UAV.
+
+    :param relay: name of the node.
+    :param name: 'passing', 'holding', 'refused', 'disabled' or 'silent'; 'lost' if the relay has
+        ceased to report.
+    :param duration: of the state in s.
+    :param reason: why setpoints are held back, with the numbers.
+    """
+
+    relay: str
+    name: str
+    duration: float
+    reason: str = ''
+
+    @property
+    def is_passing(self) -> bool:
+        """Whether the vehicle gets its setpoints."""
+        return self.name == 'passing'
+
+    @property
+    def text(self) -> str:
+        """State in words, which follow the name of the relay."""
+        return _TEXTS[self.name].format(for_=self.duration, reason=self.reason)
+
+    def to_message(self, uav: str) -> DiagnosticStatus:
+        """Return the message for `<uav>/relay` and /diagnostics; only passing is OK."""
+        level = DiagnosticStatus.OK if self.is_passing else DiagnosticStatus.WARN
+        return diagnostic_status(
+            f'{self.relay}: {uav}', level, self.text,
+            {'state': self.name, 'duration': self.duration, 'reason': self.reason})
+
+
+def read_relay_state(message: DiagnosticStatus) -> RelayState | None:
+    """Return the RelayState in a message, or None if it has none."""
+    values = {entry.key: entry.value for entry in message.values}
+    try:
+        return RelayState(brief(message.name.rpartition(': ')[0], 100),
+                          {name: name for name in _TEXTS}[values['state']],
+                          float(values['duration']), brief(values['reason']))
+    except (KeyError, ValueError):
+        return None
+
+
+class RelayReports:
+    """
+    The last report on each UAV.
+
+    :param clock: returns a time in s that is never set back.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._last: dict[str, tuple[RelayState, float]] = {}  # State and its arrival [s] by UAV.
+
+    def take(self, topic: str, message: DiagnosticStatus) -> bool:
+        """Keep a report that has come on `<uav>/relay`; return True if it tells another state."""
+        state, uav = read_relay_state(message), topic.partition('/')[0]
+        if state is None:
+            return False
+        before = self.state(uav)
+        self._last[uav] = state, self._clock()
+        return before is None or before.name != state.name
+
+    def state(self, uav: str) -> RelayState | None:
+        """Return what the relay of a UAV does now; None where no relay has ever reported."""
+        if uav not in self._last:
+            return None
+        state, arrival = self._last[uav]
+        age = self._clock() - arrival
+        return state if age <= _LOST_AFTER_S else RelayState(state.relay, 'lost', age)
+
+    def problem(self, uav: str, is_under_way: bool) -> str:
+        """
+        Return in words what keeps setpoints from a UAV, or an empty string.
+
+        :param is_under_way: whether setpoints must pass. Without a flight, only setpoints that are
+            held or refused are a problem.
+        """
+        state = self.state(uav)
+        if state is None or state.is_passing or not (
+                is_under_way or state.name in ('holding', 'refused')):
+            return ''
+        return f'the relay of {uav}, {state.relay}, {state.text}'
