@@ -3,6 +3,7 @@
 from contextlib import suppress
 import json
 import math
+import re
 
 from city import FILE as CITY
 import numpy as np
@@ -48,7 +49,7 @@ def kml(inside='', name='Rail yard', head='', height=0, outside=''):
 
 
 def read(folder, name, text, projection='px4', altitude=None):
-    (folder / name).write_text(text)
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_zones(folder / name, Origin(*ZURICH, projection, altitude))
 
 
@@ -151,17 +152,52 @@ HOSTILE = {
     'crossing.json': (json.dumps({'type': 'Polygon', 'coordinates': [
         [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]]]}), 'feature 1: .*crosses'),
     'empty.geojson': (geojson(), 'it has no area'),
+    'double.geojson': (geojson(feature([SQUARE])).replace(
+        '"coordinates"', '"coordinates": [], "coordinates"'), "'coordinates' comes twice"),
+    'twice.plan': (qgc([(LATITUDE_FIRST, False)]).replace(
+        '"inclusion"', '"inclusion": true, "inclusion"'), "'inclusion' comes twice"),
+    'none.geojson': (geojson(feature([SQUARE]), feature([], 'MultiPolygon')), 'has no polygon'),
+    'beside.geojson': (json.dumps({**feature([SQUARE]), 'area': feature([SQUARE])['geometry']}),
+                       'it has a Polygon that is not the geometry of a feature'),
+    'collection.geojson': (json.dumps({'type': 'GeometryCollection', 'geometries': [
+        feature([SQUARE])['geometry'], feature(SQUARE[0], 'Point')['geometry']]}),
+        "feature 1: it is a 'Point'"),
+    'nothing.geojson': (json.dumps({'type': 'GeometryCollection', 'geometries': []}),
+                        'feature 1: it has no polygon'),
+    'unlocated.geojson': (geojson(feature([SQUARE]), {
+        'type': 'Feature', 'geometry': None, 'properties': {'name': 'Lost'}}),
+        'Lost: geometry is None'),
+    'nowhere.geojson': (geojson(feature([SQUARE], name='Flat', ceiling=0)),
+                        'Flat: its ceiling is 0 m above the ground, so that it holds nowhere'),
+    'world.geojson': (geojson(feature([[[541, 47], [541.1, 47], [541, 47.1]]])),
+                      'a corner has the latitude 47 and the longitude 541'),
+    'latin.geojson': (geojson(feature([SQUARE], name='?')).encode().replace(b'?', b'\xf6'),
+                      'it is not UTF-8 text: invalid start byte'),
+    'world.plan': (qgc(circles=[((47, 200), 5, True)]),
+                   'circle 1: the centre has the latitude 47 and the longitude 200'),
+    'fence1.plan': ('{"geoFence": {"version": 1, "polygon": [[47, 8], [47, 9], [48, 9]]}}',
+                    'version of geoFence is 1; it must be 2'),
+    'fence.plan': ('{"geoFence": {"polygons": []}}', 'version of geoFence is None'),
+    'fields.plan': (qgc([(LATITUDE_FIRST, False)]).replace(
+        '"polygons"', '"corridors": [[47, 8]], "polygons"'), "geoFence has 'corridors'"),
+    'version.plan': (qgc([(LATITUDE_FIRST, False)]).replace(
+        '"inclusion": false, "version": 1', '"inclusion": false, "version": 2'),
+        'polygon 1: version is 2; it must be 1'),
+    'both.plan': (qgc(circles=[(ZURICH, 5, True)]).replace(
+        '"inclusion"', '"polygon": [], "inclusion"'), 'it is a polygon and a circle'),
     'list.json': ('[1]', 'type is None'), 'null.geojson': (geojson(None), 'feature 1: geometry'),
     'nan.geojson': (geojson(feature([[[math.nan, 1]] * 4])), 'feature 1: a corner is '),
     'two.plan': (qgc([(LATITUDE_FIRST, True)] * 2), 'it has 2 areas to stay in'),
     'radius.plan': (qgc(circles=[(ZURICH, -5, True)]), 'circle 1: radius is -5'),
-    'pole.plan': (qgc(circles=[((89.9, 0), 5, True)]), 'circle 1: origin.latitude is 89.9'),
+    'pole.plan': (qgc(circles=[((89.9, 0), 5, True)]),
+                  'circle 1: a place is 47.. km from the origin'),
     'vague.plan': (qgc([(LATITUDE_FIRST, None)]), 'polygon 1: inclusion is None'),
     'other.plan': ('{"fileType": "Plan"}', 'geoFence is None'),
     'broken.plan': ('{', 'line 1'),
     'bomb.kml': (kml('&a;', head='<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'),
                  'it has a document type or entities'),
-    'file.kml': (kml(head='<!doctype b SYSTEM "file:///etc/passwd">'), 'document type'),
+    'file.kml': (kml(head='<!DOCTYPE b SYSTEM "file:///etc/passwd">'), 'document type'),
+    'html.kml': (kml(head='<!doctype html>'), 'syntax error'),
     'unclosed.kml': ('<kml>', 'no element found'), 'link.kml': (
         kml(outside='<NetworkLink><name>Live</name></NetworkLink>'), 'Live: it is in another'),
     'sea.kml': (kml('<altitudeMode>absolute</altitudeMode>'), "Rail yard: .* 'absolute'"),
@@ -181,6 +217,212 @@ def test_a_file_that_cannot_be_kept_is_refused_in_one_line_with_its_feature(tmp_
         read(tmp_path, name, text)
     assert str(error.value).startswith(f'{tmp_path / name}: ')
     assert '\n' not in str(error.value) and len(str(error.value)) < 600
+
+
+RING = re.search('<LinearRing>.*</LinearRing>', kml(), re.S)[0]
+POLYGON = re.search('<Polygon>.*</Polygon>', kml(), re.S)[0]
+SCHEMA = '<Schema parent="Placemark" name="S_zone"><SimpleField name="a" type="string"/></Schema>'
+EAST = RING.replace('8.54', '8.55')
+EXTRUDED = '<extrude>1</extrude><altitudeMode>relativeToGround</altitudeMode>'
+LEGACY = 'xmlns="http://earth.google.com/kml/2.1"'
+MODERN = 'xmlns="http://www.opengis.net/kml/2.2"'
+
+
+def crs(name):
+    return {'crs': {'type': 'name', 'properties': {'name': name}}}
+
+
+def square(system, place=lambda data: data):
+    """Return GeoJSON of the square with a coordinate system in one of its objects."""
+    data = json.loads(geojson(feature([SQUARE], name='A')))
+    place(data).update(system)
+    return json.dumps(data)
+
+
+READ_KML = {
+    'a placemark by Schema': kml(outside=f'{SCHEMA}<S_zone><name>B</name>{POLYGON}</S_zone>'),
+    'a parent in an element': kml(outside=(
+        f'<Schema name="S_zone"><parent>Placemark</parent></Schema><S_zone>{POLYGON}</S_zone>')),
+    'a MultiGeometry': kml().replace(POLYGON, (
+        f'<MultiGeometry><MultiGeometry>{POLYGON}</MultiGeometry>{POLYGON}</MultiGeometry>')),
+    'two placemarks': kml(outside=f'<Placemark>{POLYGON}</Placemark>'),
+    'another name space in it': kml(
+        outside=f'<Placemark {LEGACY}>{POLYGON}</Placemark>'),
+}
+WHOLE_KML = {
+    'KML 2.1': kml().replace(MODERN, LEGACY), 'no name space': kml().replace(MODERN, ''),
+    'a name space of its own': kml().replace(MODERN, 'xmlns="urn:zones"'),
+    'a prefix': re.sub('<(/?)(?=[A-Zakc])', r'<\1k:', kml(outside='')).replace(
+        MODERN, MODERN.replace('xmlns', 'xmlns:k')),
+    'ISO-8859-1': kml(name='Bahnh\xf6fe').replace('UTF-8', 'ISO-8859-1').encode('latin-1'),
+    'windows-1252': kml(name='\u20ac').replace('UTF-8', 'windows-1252').encode('cp1252'),
+    'UTF-16': kml(name='Bahnh\xf6fe').replace('UTF-8', 'UTF-16').encode('utf-16'),
+    'a byte order mark': kml().encode('utf-8-sig'),
+    'blanks beside commas': kml().replace(',47', ', 47').replace(',0', ' ,\n0'),
+    'without heights': kml().replace(',0', ''), 'with a comment': kml().replace(
+        '47.398', '47.<!-- a comment -->398', 1),
+    'HTML in CDATA': kml(
+        outside='<description><![CDATA[<!DOCTYPE html><b>&nbsp;]]></description>'),
+    'entities of XML': kml(name='A &amp; B &#x1f681;'), 'in CDATA': kml(name='<![CDATA[A & B]]>'),
+    'extruded on the ground': kml('<extrude>1</extrude>', height=50),
+    'no offset': kml('<gx:altitudeOffset>0</gx:altitudeOffset>'),
+}
+
+
+@pytest.mark.parametrize('case', {**READ_KML, **WHOLE_KML})
+def test_every_area_of_kml_is_read(tmp_path, case):
+    expected, = read(tmp_path, 'a.geojson', geojson(feature([SQUARE])))[0]
+    zones, fence = read(tmp_path, 'a.kml', {**READ_KML, **WHOLE_KML}[case])
+    assert len(zones) == 2 - (case in WHOLE_KML) and fence is None
+    for zone in zones:
+        assert zone.vertices == expected.vertices and zone.ceiling == math.inf
+    names = {'ISO-8859-1': 'Bahnh\xf6fe', 'windows-1252': '\u20ac', 'UTF-16': 'Bahnh\xf6fe',
+             'entities of XML': 'A & B \U0001f681', 'in CDATA': 'A & B'}
+    assert zones[-1].name == names.get(case, 'Rail yard')
+
+
+@pytest.mark.parametrize('extrude', ['1', 'true', ' 1 ', '\n true\t'])
+def test_extruded_areas_of_kml_end_at_their_height(tmp_path, extrude):
+    (zone,), _ = read(tmp_path, 'a.kml', kml(
+        EXTRUDED.replace('>1<', f'>{extrude}<'), height=60))
+    assert (zone.floor, zone.ceiling) == (0.0, 60.0)
+
+
+REFUSED_KML = {
+    'two rings': (kml().replace(RING, RING + EAST), "Rail yard: .*not read, '8.557,47.398"),
+    'two outlines': (kml().replace('</Polygon>', (
+        f'<outerBoundaryIs>{EAST}</outerBoundaryIs></Polygon>')), "not read, '8.557,47.398"),
+    'two coordinates': (kml().replace('</LinearRing>', (
+        '<coordinates>8.7,47.4 8.8,47.4 8.8,47.5</coordinates></LinearRing>')),
+        "not read, '8.7,47.4 "),
+    'a ring beside': (kml().replace(POLYGON, (
+        f'<MultiGeometry>{POLYGON}{EAST}</MultiGeometry>')), 'it is a LinearRing'),
+    'a point beside': (kml().replace(POLYGON, (
+        f'<MultiGeometry>{POLYGON}<Point><coordinates>8.5,47.4</coordinates></Point>'
+        '</MultiGeometry>')), 'it is a Point'),
+    'a track': (kml().replace(POLYGON, (
+        '<gx:Track><gx:coord>8.5 47.4 0</gx:coord></gx:Track>')), 'it is a Track'),
+    'a polygon of GML': (kml().replace('</Placemark>', (
+        f'<ExtendedData>{POLYGON}</ExtendedData></Placemark>')).replace(
+        '<ExtendedData><Polygon>', '<ExtendedData><Polygon xmlns="urn:gml">'),
+        'Rail yard: .*not read'),
+    'a placemark in another': (kml().replace('</Placemark>', (
+        f'<Placemark>{POLYGON}</Placemark></Placemark>')), 'not read'),
+    'an undeclared tag': (kml(outside=f'<S_zone><name>B</name>{POLYGON}</S_zone>'),
+                          'coordinates outside of a Placemark'),
+    'a Schema of a Folder': (kml(outside=(
+        f'{SCHEMA.replace("Placemark", "Folder")}<S_zone>{POLYGON}</S_zone>')), 'outside of a'),
+    'a picture': (kml(outside=(
+        '<GroundOverlay><gx:LatLonQuad><coordinates>8.5,47.4 8.6,47.4 8.6,47.5 8.5,47.5'
+        '</coordinates></gx:LatLonQuad></GroundOverlay>')), 'LatLonQuad: .*outside of a'),
+    'a link': (kml(outside='<NetworkLink><name>Live</name></NetworkLink>'), 'Live: it is in ano'),
+    'an update': (kml().replace('</kml>', (
+        '<NetworkLinkControl><Update><Delete><Placemark/></Delete></Update></NetworkLinkControl>'
+        '</kml>')), 'Update: it is in another'),
+    'a time by Schema': (kml(outside=(
+        f'{SCHEMA}<S_zone><name>B</name><TimeSpan/>{POLYGON}</S_zone>')), 'B: it has a time'),
+    'an offset': (kml(EXTRUDED + '<gx:altitudeOffset>50</gx:altitudeOffset>', height=60),
+                  "altitudeOffset is '50'"),
+    'two modes': (kml(EXTRUDED, height=60).replace('<LinearRing>', (
+        '<LinearRing><altitudeMode>absolute</altitudeMode>')), "altitudeModes 'rel.*'absolute'"),
+    'a mode of the ring': (kml(height=60).replace('<LinearRing>', (
+        f'<LinearRing>{EXTRUDED}')), "altitudeModes 'clampToGround' and 'relativeToGround'"),
+    'over the sea floor': (kml('<extrude>1</extrude><gx:altitudeMode>relativeToSeaFloor'
+                               '</gx:altitudeMode>', height=60), "'relativeToSeaFloor'"),
+    'no height': (kml(EXTRUDED).replace(',0', ''), 'Rail yard: its ceiling is 0 m.*nowhere'),
+    'a height of 0': (kml(EXTRUDED), 'its ceiling is 0 m'),
+    'a height below': (kml(EXTRUDED, height=-5), 'ceiling is -5'),
+    'a vague extrude': (kml('<extrude>yes</extrude>'), "extrude is 'yes'"),
+    'a number of Python': (kml().replace('8.547', '8.5_47'), "a corner is '8.5_47,47.398,0'"),
+    'no number': (kml(height='nan'), "a corner is '8.547,47.398,nan'"),
+    'commas alone': (kml().replace(',0 ', ',0,'), 'Rail yard: a corner is '),
+    'swapped': (kml().replace(RING, re.sub('([0-9.]+),([0-9.]+),0', r'\2,\1', RING)),
+                'a place is 5.* km from the origin'),
+    'a far longitude': (kml().replace('8.549', '541.5'), 'longitude 541.5; they must be from'),
+    'an unknown encoding': (kml().replace('UTF-8', 'klingon'), 'unknown encoding'),
+    'a wrong encoding': (kml(name='\xf6').encode('latin-1'), 'not well-formed'),
+    'an entity': (kml(name='&nbsp;'), 'undefined entity'),
+    'a bomb': ('<!DOCTYPE b [<!ENTITY a "%s">]><kml>%s</kml>' % ('a' * 99_999, '&a;' * 999_999),
+               'document type'),
+    'deep': ('<kml><Placemark>' + '<MultiGeometry>' * 99_999, 'no element found|unclosed'),
+}
+
+
+@pytest.mark.parametrize('case', REFUSED_KML)
+def test_kml_whose_areas_cannot_all_be_read_is_refused(tmp_path, case):
+    text, reason = REFUSED_KML[case]
+    with pytest.raises(MissionFileError, match=reason) as error:
+        read(tmp_path, 'a.kml', text)
+    assert '\n' not in str(error.value) and len(str(error.value)) < 600
+
+
+PLACES = {'collection': lambda data: data, 'feature': lambda data: data['features'][0],
+          'geometry': lambda data: data['features'][0]['geometry']}
+EPSG = ('EPSG:4326', 'epsg:4979', 'urn:ogc:def:crs:EPSG::4326', 'urn:ogc:def:crs:EPSG:9.6:4979',
+        'http://www.opengis.net/def/crs/EPSG/0/4326',
+        'http://www.opengis.net/gml/srs/epsg.xml#4326')
+CRS84 = ('urn:ogc:def:crs:OGC:1.3:CRS84', 'urn:ogc:def:crs:OGC::CRS84', 'OGC:CRS84',
+         'http://www.opengis.net/def/crs/OGC/1.3/CRS84')
+
+
+@pytest.mark.parametrize('place', PLACES)
+def test_geojson_in_another_system_than_wgs84_is_refused_by_its_name(tmp_path, place):
+    for number in (4267, 4314, 4277, 4301, 3857, 43260):
+        for name in (f'urn:ogc:def:crs:EPSG::{number}', f'EPSG:{number}'):
+            with pytest.raises(MissionFileError, match=f"crs is '{name}'; it must be CRS84"):
+                read(tmp_path, 'a.geojson', square(crs(name), PLACES[place]))
+    for system, shown in (
+            (None, 'None'), ({}, 'None'), ({'type': 'EPSG', 'properties': {'code': 4267}}, '4267'),
+            ({'type': 'link', 'properties': {'href': 'a.prj'}}, 'a.prj'), (4326, '4326'),
+            ({'type': 'name', 'properties': {'name': 'urn:ogc:def:crs:OGC::CRS83'}}, 'CRS83')):
+        with pytest.raises(MissionFileError, match=f'crs is .*{shown}'):
+            read(tmp_path, 'a.geojson', square({'crs': system}, PLACES[place]))
+
+
+@pytest.mark.parametrize('place', PLACES)
+@pytest.mark.parametrize('name', EPSG + CRS84)
+def test_geojson_in_wgs84_is_where_the_order_of_its_axes_puts_it(tmp_path, place, name):
+    expected = read(tmp_path, 'a.geojson', geojson(feature([SQUARE], name='A')))
+    text = square(crs(name), PLACES[place])
+    assert read(tmp_path, 'a.geojson', text) == expected
+    data = json.loads(text)
+    data['features'][0]['geometry']['coordinates'] = [LATITUDE_FIRST]
+    (tmp_path / 'a.geojson').write_text(json.dumps(data))
+    if name in EPSG:
+        assert read_zones(tmp_path / 'a.geojson', Origin(*ZURICH)) == expected
+        with pytest.raises(MissionFileError, match='both lie near the origin'):
+            data['features'][0]['geometry']['coordinates'] = [[[9, 9], [9.1, 9], [9.1, 9.2]]]
+            (tmp_path / 'a.geojson').write_text(json.dumps(data))
+            read_zones(tmp_path / 'a.geojson', Origin(9, 9))
+    else:
+        with pytest.raises(MissionFileError, match='a place is 5.* km'):
+            read_zones(tmp_path / 'a.geojson', Origin(*ZURICH))
+
+
+def test_a_geometry_collection_of_polygons_is_read(tmp_path):
+    polygon = feature([SQUARE])['geometry']
+    expected = read(tmp_path, 'a.geojson', geojson(feature([SQUARE], name='A')))[0]
+    assert read(tmp_path, 'a.geojson', geojson({
+        'type': 'Feature', 'properties': {'name': 'A'}, 'geometry': {
+            'type': 'GeometryCollection', 'geometries': [polygon, {
+                'type': 'GeometryCollection', 'geometries': [polygon]}]}}))[0] == 2 * expected
+
+
+def test_the_name_of_a_feature_may_be_a_number(tmp_path):
+    (first, second), _ = read(tmp_path, 'a.geojson', geojson(
+        feature([SQUARE], name=7), feature([SQUARE], name=0)))
+    assert (first.name, second.name) == ('7', '0')
+
+
+@pytest.mark.parametrize('shift', [1e-13, -1e-13, 3e-12])
+def test_a_last_corner_next_to_the_first_closes_a_ring(tmp_path, shift):
+    last = [SQUARE[0][0] + shift, SQUARE[0][1] - shift]
+    expected = read(tmp_path, 'a.geojson', geojson(feature([SQUARE])))
+    for name, text in (
+            ('a.geojson', geojson(feature([[*SQUARE[:-1], last]]))),
+            ('b.geojson', geojson(feature([[*SQUARE, last]]))),
+            ('a.plan', qgc([([*LATITUDE_FIRST, last[::-1]], False)]))):
+        assert read(tmp_path, name, text)[0][0].vertices == expected[0][0].vertices
 
 
 def replaced(value, odd):

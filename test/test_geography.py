@@ -4,18 +4,22 @@ from dataclasses import replace
 from functools import reduce
 import json
 import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 import city
 from city import FILE as CITY
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import (
     Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
-from secure_uav_planner.errors import OptionError, ScenarioError
+from secure_uav_planner.errors import MissionFileError, OptionError, ScenarioError
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.ros.settings import load_mission, origin_from
+import shapely
 import yaml
 
 ZURICH = (47.3977, 8.5456)
@@ -202,3 +206,116 @@ def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
         assert replace(zone, vertices=expected.vertices) == expected
         assert np.abs(depth(zone.vertices, expected.vertices)).max() < 1e-6
     assert np.abs(depth(scenario.geofence, metres(*listed('geofence')))).max() < 1e-6
+
+
+NEAR_180 = st.sampled_from([180.0, -180.0, 179.9999, -179.9999, 179.99, -179.97])
+ORIGINS = st.builds(Origin, st.floats(-75, 75), NEAR_180 | st.floats(-180, 180),
+                    st.sampled_from(sorted(MODELS)))
+
+
+@st.composite
+def polygons(draw, largest=20_000.0):
+    """Return vertices (K, 2) in m of a polygon around a place near the point (0, 0)."""
+    count, size = draw(st.integers(3, 12)), draw(st.floats(5.0, largest))
+    angles = 2 * np.pi * (np.arange(count) + draw(st.floats(0, 1))) / count
+    reaches = size * np.array(draw(st.lists(
+        st.floats(0.3, 1.0), min_size=count, max_size=count)))
+    centre = size * np.array([draw(st.floats(-1, 1)), draw(st.floats(-1, 1))])
+    return centre + np.stack([reaches * np.cos(angles), reaches * np.sin(angles)], axis=1)
+
+
+def distance(one, other):
+    """Return the largest distance in m of the outlines of two polygons."""
+    return shapely.hausdorff_distance(*(
+        shapely.Polygon(vertices).exterior for vertices in (one, other)), densify=0.01)
+
+
+@given(ORIGINS, polygons(), st.floats(1.0, 5000.0), st.data())
+def test_files_are_read_across_180_degrees_as_anywhere_else(origin, vertices, radius, data):
+    turned = replace(origin, longitude=10.0)
+    latitudes, longitudes = turned.to_geographic(*vertices.T)
+    results = []
+    for own in (turned, origin):
+        places = [(latitude, longitude if own is turned else (
+            longitude - 10 + origin.longitude + 180) % 360 - 180)
+            for latitude, longitude in zip(latitudes.tolist(), longitudes.tolist())]
+        places = [(latitude, data.draw(st.sampled_from([-180.0, 180.0])) if abs(
+            longitude) == 180 else longitude) for latitude, longitude in places]
+        ring = [[longitude, latitude] for latitude, longitude in [*places, places[0]]]
+        text = ' '.join(f'{longitude!r},{latitude!r}' for longitude, latitude in ring)
+        with TemporaryDirectory() as folder:
+            for name, content in (
+                    ('a.geojson', json.dumps({'type': 'Polygon', 'coordinates': [ring]})),
+                    ('a.plan', json.dumps({'geoFence': {
+                        'version': 2, 'polygons': [{'polygon': places, 'inclusion': True}],
+                        'circles': [{'inclusion': False, 'circle': {
+                            'center': places[0], 'radius': radius}}]}})),
+                    ('a.kml', '<kml><Placemark><Polygon><outerBoundaryIs><LinearRing>'
+                     f'<coordinates>{text}</coordinates></LinearRing></outerBoundaryIs></Polygon>'
+                     '</Placemark></kml>')):
+                (Path(folder) / name).write_text(content)
+                zones, fence = read_zones(Path(folder) / name, own)
+                results += [zone.vertices for zone in zones] + ([fence] if fence else [])
+    half = len(results) // 2
+    assert half == 4
+    for one, other in zip(results[:half], results[half:], strict=True):
+        assert np.array(one) == pytest.approx(np.array(other), abs=1e-6)
+
+
+@given(ORIGINS, polygons(), polygons(), st.integers(3, 9), st.floats(2000, 40_000))
+def test_the_map_of_a_plan_is_cut_at_180_degrees_and_read_back(
+        origin, zone, other, corners, reach):
+    scenario = Scenario.load(CITY)
+    high = [NoFlyZone(tuple(map(tuple, vertices.tolist())), 5000.0, ceiling, name)
+            for vertices, ceiling, name in ((zone, math.inf, 'A'), (other, 6000.0, ''))]
+    angles = 2 * np.pi * np.arange(corners) / corners
+    scenario = replace(
+        scenario, origin=origin, no_fly_zones=(*scenario.no_fly_zones, *high),
+        geofence=tuple(zip(*(reach * trend(angles) for trend in (np.cos, np.sin)))))
+    plan = city.plan_by_hand(scenario)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / 'a.geojson'
+        plan.to_geojson(file)
+        zones, fence = read_zones(file, origin)
+        features = json.loads(file.read_text())['features']
+    assert len(zones) == len(scenario.no_fly_zones)
+    for found, expected, name in zip(zones, scenario.no_fly_zones, scenario.zone_names):
+        assert replace(found, vertices=expected.vertices, name='') == replace(expected, name='')
+        assert found.name == name and distance(found.vertices, expected.vertices) < 0.11
+    assert distance(fence, scenario.geofence) < 0.11
+    for item in features:
+        geometry, properties = item['geometry'], item['properties']
+        for line in [geometry] if geometry['type'] in ('LineString', 'Polygon') else [
+                {'coordinates': part} for part in geometry['coordinates']
+                if geometry['type'] != 'Point']:
+            places = np.reshape([*flatten(line['coordinates'])], (-1, 2))
+            assert np.abs(places[:, 0]).max() <= 180 and np.ptp(places[:, 0]) < 180
+        if properties['kind'] == 'path':
+            index = [uav.name for uav in scenario.uavs].index(properties['name'])
+            places, times, powers = (np.array([*flatten(values)]) for values in (
+                geometry['coordinates'], properties['times'], properties['powers']))
+            assert np.abs(np.stack(origin.to_local(*places.reshape(-1, 2).T[::-1]), axis=1)
+                          - plan.curve.at(times).positions[index]).max() < 0.5
+            assert len(times) == len(powers) == len(places) / 2
+            own = np.isin(times, plan.times[1:-1])
+            assert set(powers[own]) == set(plan.powers[index])
+
+
+def flatten(values):
+    """Give the numbers in nested lists."""
+    for value in values if isinstance(values, list) else ():
+        yield from flatten(value) if isinstance(value, list) else (value,)
+
+
+def test_zones_that_the_meridian_cuts_are_one_and_corners_beyond_it_are_refused(tmp_path):
+    west = [[179.99, 1], [180, 1], [180, 1.01], [179.99, 1.01]]
+    east = [[-180, 1], [-179.99, 1], [-179.99, 1.01], [-180, 1.01]]
+    (tmp_path / 'a.geojson').write_text(json.dumps(
+        {'type': 'MultiPolygon', 'coordinates': [[west], [east]]}))
+    zone, = read_zones(tmp_path / 'a.geojson', Origin(1, 180))[0]
+    assert depth(zone.vertices, (0.0, 500.0)) == pytest.approx(500, abs=1)
+    for corner in (180.001, 541):
+        (tmp_path / 'a.geojson').write_text(json.dumps(
+            {'type': 'Polygon', 'coordinates': [[*west[:-1], [corner, 1.005]]]}))
+        with pytest.raises(MissionFileError, match=f'longitude {corner:g}; they must be'):
+            read_zones(tmp_path / 'a.geojson', Origin(1, 180))

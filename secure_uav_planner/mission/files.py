@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+import io
 import os
 from pathlib import Path
 import stat
@@ -57,10 +58,19 @@ def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[N
 
 def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
     """
-    Return the text of a regular file.
+    Return the text of a regular file, without a byte order mark.
+
+    :raises OSError: as read_bytes does.
+    :raises UnicodeDecodeError: when it is not UTF-8.
+    """
+    return decode_text(read_bytes(path, most_bytes))
+
+
+def read_bytes(path: str | os.PathLike[str], most_bytes: int) -> bytes:
+    """
+    Return the content of a regular file.
 
     :raises OSError: when it cannot be read, is not a regular file, or is larger than most_bytes.
-    :raises UnicodeDecodeError: when it is not UTF-8.
     """
     checked_path(path)
     status = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
@@ -68,8 +78,14 @@ def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
         raise OSError(f'{path} is not a regular file')
     if status.st_size > most_bytes:
         raise OSError(f'{path} has {status.st_size} bytes; at most {most_bytes} are read')
-    with open(path, encoding='utf-8') as file:
+    with open(path, 'rb') as file:
         return file.read(most_bytes)
+
+
+def decode_text(data: bytes) -> str:
+    """Return UTF-8 text without a byte order mark, and with the line ends of Python."""
+    with io.TextIOWrapper(io.BytesIO(data), encoding='utf-8-sig') as text:
+        return text.read()
 
 
 def checked_path(path: Any) -> str | os.PathLike[str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .fields import Checked, checked_by, Choice, MAX_DISTANCE, number
 from .validation import Array, checked_array, to_number
@@ -26,6 +26,8 @@ _DECIMALS = 6
 Of places in m. Those beyond are noise of degrees in doubles, about 1e-9 m, by which a method may
 find another plan, metres away.
 """
+
+_LARGEST_BEND = 0.1  # m, of an edge that is straight in degrees, in the local frame.
 
 _MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
 
@@ -65,6 +67,12 @@ class Origin(Checked):
         if not ((np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)).all():
             raise OptionError(f'latitude is {quote(latitude)} and longitude {quote(longitude)}; '
                               'they must be from -90 to 90 and -180 to 180 degrees')
+        east, north = self._convert(latitude, longitude)
+        _check_distance(east, north)
+        return east, north
+
+    def _convert(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
+        """Convert places, whose longitudes may be beyond 180 degrees, to the local frame."""
         own, target = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':
@@ -77,7 +85,6 @@ class Origin(Checked):
         else:
             north = (target - own) * _RADIUS['ardupilot'] + 0 * turn
             east = turn * _RADIUS['ardupilot'] * np.cos((target + own) / 2)
-        _check_distance(east, north)
         return east, north
 
     def to_geographic(self, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
@@ -110,6 +117,68 @@ def _check_distance(east: Array, north: Array) -> None:
     if not (distances <= MAX_DISTANCE).all():
         raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin, east and '
                           f'north; it must be at most {MAX_DISTANCE / 1e3:g} km')
+
+
+def unwrap(places: ArrayLike, origin: Origin) -> Array:
+    """Return places (K, 2), (latitude, longitude), with longitudes within 180 of the origin's."""
+    latitudes, longitudes = np.array(places, float).T
+    return np.column_stack([latitudes, longitudes + 360 * np.round(
+        (origin.longitude - longitudes) / 360)])
+
+
+def convert_ring(corners: ArrayLike, origin: Origin) -> tuple[tuple[float, float], ...]:
+    """
+    Convert a polygon whose edges are straight in degrees, as autopilots take them, to m.
+
+    Edges that would bend by more than _LARGEST_BEND get corners between.
+
+    :param corners: (latitude, longitude) in degrees, (K, 2).
+    :return: (x, y) in m of each corner.
+    :raises OptionError: for corners more than 100 km from the origin.
+    """
+    degrees = unwrap(corners, origin)
+    metres = _convert_places(degrees, origin)
+    _check_distance(*metres.T)
+    divided = _divide(degrees, _count_pieces(degrees, metres, origin))
+    return tuple((x, y) for x, y in _convert_places(divided, origin).tolist())
+
+
+def invert_ring(vertices: ArrayLike, origin: Origin) -> Array:
+    """
+    Convert a polygon whose edges are straight in m to degrees, such that convert_ring returns it.
+
+    Edges get corners between as in convert_ring.
+
+    :param vertices: (x, y) in m, (K, 2).
+    :return: (latitude, longitude) in degrees, with longitudes within 180 of the origin's, (L, 2).
+    :raises OptionError: for vertices more than 100 km from the origin.
+    """
+    metres = np.array(vertices, float)
+    degrees = invert_points(metres, origin)
+    return invert_points(_divide(metres, _count_pieces(degrees, metres, origin)), origin)
+
+
+def invert_points(points: Array, origin: Origin) -> Array:
+    """Convert points (K, 2) in m to degrees, with longitudes within 180 of the origin's."""
+    return unwrap(np.column_stack(origin.to_geographic(*points.T)), origin)
+
+
+def _convert_places(places: Array, origin: Origin) -> Array:
+    return np.column_stack(origin._convert(*places.T))
+
+
+def _count_pieces(degrees: Array, metres: Array, origin: Origin) -> NDArray[np.int_]:
+    """Return into how many pieces each edge is divided, by its bend in the middle, (K,)."""
+    middles = [(places + np.roll(places, -1, axis=0)) / 2 for places in (degrees, metres)]
+    bends = np.linalg.norm(_convert_places(middles[0], origin) - middles[1], axis=1)
+    return np.maximum(np.ceil(np.sqrt(bends / _LARGEST_BEND)), 1).astype(int)
+
+
+def _divide(corners: Array, counts: NDArray[np.int_]) -> Array:
+    """Divide the edges of a polygon (K, 2) into pieces of one length each, (L, 2)."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    return np.concatenate([begin + edge * np.arange(count)[:, None] / count
+                           for begin, edge, count in zip(corners, edges, counts)])
 
 
 def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> Any:

@@ -1,5 +1,6 @@
 """Simple polygons in the plane: their check, convex parts, offset, and the depth of points."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 import math
 from typing import Any, TypeAlias
@@ -17,6 +18,7 @@ Vertices: TypeAlias = tuple[Point, ...]
 MAX_VERTICES = 256
 """The most vertices of a polygon."""
 
+_CLOSING = 1.5e-6  # m, of a last vertex from the first: places in degrees are rounded to 1e-6 m.
 _THINNEST = 1e-9  # Of area to the square of the perimeter; a polygon with less has no area.
 _MITRE_LIMIT = 1.5  # Distance in margins at which a sharp corner of an offset is cut off.
 _OFFSET_TOLERANCE = 1e-7  # m
@@ -27,19 +29,20 @@ def checked_polygon(values: Any) -> Vertices:
     """
     Return the vertices of a simple polygon, in either order, as a tuple of points.
 
-    A last vertex that repeats the first is left out.
+    A last vertex within _CLOSING of the first, as files close their rings, is left out.
 
     :raises ScenarioError: for too few or too many vertices, a wrong coordinate, an outline that
         crosses or touches itself, and no area.
     """
     if not is_sequence(values):
         raise refuse(values, 'a list of vertices (x, y) in m')
-    if len(values) > MAX_VERTICES:
-        raise ScenarioError(
-            f' has {len(values)} vertices; it must have at most {MAX_VERTICES}')
+    if len(values) > MAX_VERTICES + 1:
+        raise _too_many(values)
     vertices = check_items(values, checked_point)
-    if len(vertices) > 3 and vertices[0] == vertices[-1]:
+    while len(vertices) > 3 and math.dist(vertices[0], vertices[-1]) <= _CLOSING:
         vertices = vertices[:-1]
+    if len(vertices) > MAX_VERTICES:
+        raise _too_many(vertices)
     if len(set(vertices)) < 3:
         raise refuse(vertices, 'a list of at least three different vertices')
     ring = shapely.Polygon(vertices)
@@ -51,6 +54,10 @@ def checked_polygon(values: Any) -> Vertices:
         raise ScenarioError(f' is {quote(vertices)}, whose outline crosses or touches itself near '
                             f'({place}); it must not')
     return vertices
+
+
+def _too_many(vertices: Sequence[Any]) -> ScenarioError:
+    return ScenarioError(f' has {len(vertices)} vertices; it must have at most {MAX_VERTICES}')
 
 
 @lru_cache(maxsize=1024)

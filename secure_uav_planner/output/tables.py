@@ -1,16 +1,13 @@
-"""Tables: rates as text and Markdown, points of a plan as CSV, and plans as GeoJSON."""
+"""Tables: rates as text and Markdown, and points of a plan as CSV and MAT."""
 
 from collections.abc import Iterable, Sequence
 import csv
-import json
 import math
 import os
 from typing import Any
 
 import numpy as np
-import shapely
 
-from ..errors import OptionError
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 
@@ -115,57 +112,6 @@ def save_csv(plan: Any, path: str | os.PathLike[str]) -> None:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(list_columns(plan))
         writer.writerows(point_rows(plan))
-
-
-def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
-    """
-    Write paths, receivers, zones and fence of a plan to a GeoJSON file; see Plan.to_geojson.
-
-    :raises OSError: when the file cannot be written; an existing file is kept.
-    """
-    scenario, rows, origin = plan.scenario, point_rows(plan), plan.scenario.origin
-    if origin is None:
-        raise OptionError('scenario.origin is None; it must be an Origin, which says where on '
-                          'Earth the plan is', ('scenario', 'origin'))
-    features = []
-
-    def to_degrees(points: Any) -> Any:
-        latitudes, longitudes = origin.to_geographic(*points.T)
-        return np.column_stack([longitudes, latitudes])
-
-    def add(kind: str, shape: Any, name: str = '', **properties: Any) -> None:
-        if shape.geom_type == 'Polygon':  # RFC 7946: counter-clockwise.
-            shape = shapely.geometry.polygon.orient(shape)
-        features.append({'type': 'Feature', 'properties': {
-            'kind': kind, 'name': name, **properties},
-            'geometry': shapely.geometry.mapping(shapely.transform(shape, to_degrees))})
-
-    for uav in scenario.uavs:
-        _, _, times, x, y, _, _, _, powers, *_ = zip(
-            *(row for row in rows if row[0] == uav.name))
-        add('path', shapely.LineString(np.transpose([x, y])), uav.name, altitude=uav.altitude,
-            times=times, powers=powers)
-    for name, node in zip(scenario.ground_node_names, scenario.ground_nodes, strict=True):
-        add('ground_node', shapely.Point(node.position),
-            name if scenario.ground_node is None else '')
-    for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
-        centre = shapely.Point(eve.position)
-        add('eavesdropper', centre.buffer(eve.error_radius) if eve.error_radius else centre, name,
-            error_radius=eve.error_radius)
-    for name, receiver in zip(
-            (*scenario.ground_node_names, *scenario.eavesdropper_names),
-            (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True):
-        if receiver.track is not None:
-            times, x, y, *radii = zip(*receiver.track)
-            add('track', shapely.LineString(np.transpose([x, y])), name, times=times,
-                radii=radii[0] if radii else None)
-    for name, zone in zip(scenario.zone_names, scenario.no_fly_zones, strict=True):
-        add('zone', shapely.Polygon(zone.vertices), name, floor=zone.floor,
-            ceiling=zone.ceiling if zone.ceiling < math.inf else None)
-    if scenario.geofence is not None:
-        add('geofence', shapely.Polygon(scenario.geofence))
-    with atomic_file(path) as file:
-        json.dump({'type': 'FeatureCollection', 'features': features}, file, allow_nan=False)
 
 
 def to_dataframe(plan: Any) -> Any:

@@ -25,7 +25,7 @@ from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Energy
 from ..model.limits.base import POWER_TOLERANCE
 from ..model.problem import Problem
-from ..output import tables
+from ..output import geojson, tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -289,7 +289,7 @@ class Plan(RatedFlight):
         :raises OptionError: for a plan whose scenario has no origin.
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        tables.save_geojson(self, path)
+        geojson.save_geojson(self, path)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """

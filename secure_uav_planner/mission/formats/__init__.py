@@ -1,1 +1,1 @@
-"""Mission files, and the notations in which they are written."""
+"""Mission files and airspace files, and the notations in which they are written."""

@@ -1,0 +1,73 @@
+"""Areas of airspace files: corners in degrees, checked, and fields of their JSON."""
+
+from collections.abc import Mapping, Sequence
+import json
+import math
+from typing import Any, NamedTuple
+
+from ..validation import is_sequence, to_number
+from ...errors import quote, ScenarioError
+
+
+class Area(NamedTuple):
+    """
+    An area of a file.
+
+    :param corners: (latitude, longitude) in degrees.
+    :param floor: in m above the ground, not checked yet.
+    :param ceiling: in m above the ground, not checked yet; None for all heights.
+    :param is_fence: whether UAVs stay inside.
+    """
+
+    corners: Sequence[tuple[float, float]]
+    floor: Any = 0.0
+    ceiling: Any = None
+    is_fence: bool = False
+
+
+def checked_corners(corners: Any, latitude: int) -> list[tuple[float, float]]:
+    """
+    Return the corners of a polygon in degrees, latitude first, or raise ScenarioError.
+
+    :param latitude: index of the latitude in each; a third number is a height and must be 0.
+    """
+    if not is_sequence(corners) or len(corners) < 3:
+        raise ScenarioError(f'a polygon is {quote(corners)}; it must have at least three corners')
+    return [checked_place('a corner', corner, latitude) for corner in corners]
+
+
+def checked_place(noun: str, place: Any, latitude: int) -> tuple[float, float]:
+    """Return a place in degrees, latitude first, or raise ScenarioError; see checked_corners."""
+    numbers = [*map(to_number, place)] if is_sequence(place) else []
+    if not 2 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
+        raise ScenarioError(f'{noun} is {quote(place)}; it must be two numbers in degrees')
+    if any(numbers[2:]):
+        raise ScenarioError(f'{noun} has the altitude {numbers[2]:g} m, which is not above '
+                            'the ground; give floor and ceiling')
+    north, east = numbers[latitude], numbers[1 - latitude]
+    if not (abs(north) <= 90 and abs(east) <= 180):
+        raise ScenarioError(f'{noun} has the latitude {north:.10g} and the longitude {east:.10g}; '
+                            'they must be from -90 to 90 and -180 to 180 degrees')
+    return north, east
+
+
+def checked_field(item: Any, name: str, kind: type[Any], noun: str) -> Any:
+    """Return a field of a mapping; raise ScenarioError unless it is of a class."""
+    value = item.get(name) if isinstance(item, Mapping) else None
+    if not isinstance(value, kind):
+        raise ScenarioError(f'{name} is {quote(value)}; it must be {noun}')
+    return value
+
+
+def parse_json(text: str) -> Any:
+    """Return the value of a JSON text; raise ScenarioError where a name comes twice."""
+    return json.loads(text, object_pairs_hook=_make_mapping)
+
+
+def _make_mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in mapping:
+            raise ScenarioError(f'{quote(name)} comes twice in one object')
+        mapping[name] = value
+    return mapping

@@ -1,0 +1,138 @@
+"""Maps of plans in degrees: GeoJSON, cut at the meridian of 180 degrees (RFC 7946, 3.1.9)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+import json
+import math
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+import shapely
+
+from .tables import point_rows
+from ..errors import OptionError
+from ..mission.files import atomic_file
+from ..mission.geography import invert_points, invert_ring
+from ..mission.validation import Array
+
+
+def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
+    """
+    Write paths, receivers, zones and fence of a plan to a GeoJSON file; see Plan.to_geojson.
+
+    :raises OSError: when the file cannot be written; an existing file is kept.
+    """
+    if plan.scenario.origin is None:
+        raise OptionError('scenario.origin is None; it must be an Origin, which says where on '
+                          'Earth the plan is', ('scenario', 'origin'))
+    with atomic_file(path) as file:
+        json.dump({'type': 'FeatureCollection', 'features': [*_list_features(plan)]}, file,
+                  allow_nan=False)
+
+
+def _list_features(plan: Any) -> Iterator[dict[str, Any]]:
+    scenario, origin, rows = plan.scenario, plan.scenario.origin, point_rows(plan)
+
+    def to_degrees(points: ArrayLike) -> Array:
+        """Return longitude and latitude of points (K, 2) in m."""
+        return invert_points(np.array(points, float).reshape(-1, 2), origin)[:, ::-1]
+
+    def make_area(kind: str, vertices: ArrayLike, name: str, **properties: Any) -> dict[str, Any]:
+        return _make_feature(kind, name, _cut_ring(invert_ring(vertices, origin)[:, ::-1]),
+                             properties)
+
+    def make_line(kind: str, points: ArrayLike, name: str, properties: Mapping[str, Any],
+                  **values: Sequence[float] | None) -> dict[str, Any]:
+        geometry, values = _cut_line(to_degrees(points), values)
+        return _make_feature(kind, name, geometry, {**properties, **values})
+
+    for uav in scenario.uavs:
+        _, _, times, x, y, _, _, _, powers, *_ = zip(
+            *(row for row in rows if row[0] == uav.name))
+        yield make_line('path', np.column_stack([x, y]), uav.name, {'altitude': uav.altitude},
+                        times=times, powers=powers)
+    for name, node in zip(scenario.ground_node_names, scenario.ground_nodes, strict=True):
+        yield _make_feature('ground_node', name if scenario.ground_node is None else '',
+                            _make_point(to_degrees(node.position)), {})
+    for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
+        radius = eve.error_radius
+        if radius:
+            disc = shapely.Point(eve.position).buffer(radius).exterior.coords[:-1]
+            yield make_area('eavesdropper', disc, name, error_radius=radius)
+        else:
+            yield _make_feature('eavesdropper', name, _make_point(to_degrees(eve.position)),
+                                {'error_radius': radius})
+    for name, receiver in zip(
+            (*scenario.ground_node_names, *scenario.eavesdropper_names),
+            (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True):
+        if receiver.track is not None:
+            times, x, y, *radii = zip(*receiver.track)
+            yield make_line('track', np.column_stack([x, y]), name, {}, times=times,
+                            radii=radii[0] if radii else None)
+    for name, zone in zip(scenario.zone_names, scenario.no_fly_zones, strict=True):
+        yield make_area('zone', zone.vertices, name, floor=zone.floor,
+                        ceiling=zone.ceiling if zone.ceiling < math.inf else None)
+    if scenario.geofence is not None:
+        yield make_area('geofence', scenario.geofence, '')
+
+
+def _make_feature(kind: str, name: str, geometry: Mapping[str, Any],
+                  properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {'type': 'Feature', 'properties': {'kind': kind, 'name': name, **properties},
+            'geometry': geometry}
+
+
+def _find_turn(longitude: float) -> int:
+    """Return how many turns a longitude is beyond -180 to 180 degrees."""
+    return math.floor((longitude + 180) / 360)
+
+
+def _make_point(places: Array) -> dict[str, Any]:
+    longitude, latitude = places[0].tolist()
+    return {'type': 'Point', 'coordinates': (longitude - 360 * _find_turn(longitude), latitude)}
+
+
+def _cut_ring(places: Array) -> dict[str, Any]:
+    """Return the geometry of a polygon, counter-clockwise, whose places are (L, 2)."""
+    polygon, parts = shapely.Polygon(places), []
+    west, _, east, _ = polygon.bounds
+    for turn in range(_find_turn(west), _find_turn(east) + 1):
+        side = shapely.box(360 * turn - 180, -90, 360 * turn + 180, 90)
+        cut = polygon if side.contains(polygon) else polygon.intersection(side)
+        parts += [shapely.geometry.polygon.orient(shapely.transform(
+            part, lambda corners, shift=360 * turn: corners - (shift, 0)))
+            for part in shapely.get_parts(cut) if part.geom_type == 'Polygon']
+    return dict(shapely.geometry.mapping(
+        parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)))
+
+
+def _cut_line(places: Array, values: Mapping[str, Sequence[float] | None]
+              ) -> tuple[dict[str, Any], dict[str, Any]]:
+    """
+    Return the geometry of a line through places (K, 2), and the values at each of its points.
+
+    A line that is cut has a list of values for each part. Its point on the meridian has the power
+    of the slot and interpolated other values.
+    """
+    names = [name for name, given in values.items() if given is not None]
+    rows = np.column_stack([places, *(np.array(values[name], float) for name in names)])
+    held = [2 + names.index(name) for name in names if name == 'powers']
+    lines, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
+    for before, after in zip(rows[:-1], rows[1:]):
+        if (turn := _find_turn(after[0])) != turns[-1]:
+            meridian = 360 * max(turn, turns[-1]) - 180
+            cut = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
+            cut[0], cut[held] = meridian, before[held]
+            lines[-1].append(cut)
+            lines.append([cut])
+            turns.append(turn)
+        lines[-1].append(after)
+    parts = [(np.array(line) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()
+             for line, turn in zip(lines, turns, strict=True)]
+    is_cut = len(parts) > 1
+    coordinates = [[*zip(*part[:2])] for part in parts]
+    return {'type': 'MultiLineString' if is_cut else 'LineString',
+            'coordinates': coordinates if is_cut else coordinates[0]}, {**values, **{
+                name: [part[index] for part in parts] if is_cut else parts[0][index]
+                for index, name in enumerate(names, start=2)}}
