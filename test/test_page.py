@@ -233,6 +233,17 @@ def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
     assert np.array_equal(paths, baseline.positions)
 
 
+def test_the_axis_of_powers_ends_just_below_the_least_power_and_a_baseline_has_one_line_style(plan):
+    baseline = fly_hover_fly(plan.scenario)
+    page = draw_page(plan, [plan, baseline])
+    low, _ = page.layout.yaxis2.range
+    least = plan.powers[plan.powers > 1e-4].min()
+    assert 0.5 * least < 10**low < least
+    dashes = {(trace.legendgroup, trace.line.dash) for trace in page.data
+              if trace.line.color == '#808080'}
+    assert dashes == {(plan.method, 'dot'), (baseline.method, 'dash')}
+
+
 def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(screen):
     texts = screen.execute_script(TEXTS)
     assert len(texts) > 10 and {'start', 'goal'} <= {text for text, *_ in texts}

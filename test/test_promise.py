@@ -8,7 +8,7 @@ import json
 import pytest
 from secure_uav_planner import assess, Channel, fly_hover_fly, Scenario
 from secure_uav_planner.apps.cli import main
-from secure_uav_planner.apps.results import draw_figure
+from secure_uav_planner.apps.summary import draw_figure
 from secure_uav_planner.output.figures import draw_assessment
 from secure_uav_planner.output.page import draw_page
 from secure_uav_planner.output.picture import draw_plan

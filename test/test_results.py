@@ -5,7 +5,8 @@ from itertools import product
 import json
 
 import pytest
-from secure_uav_planner.apps.results import draw_figure, save_tables
+from secure_uav_planner.apps.results import save_tables
+from secure_uav_planner.apps.summary import draw_figure, name_field
 
 
 def rows_of_campaign(**fields):
@@ -19,31 +20,57 @@ def rows_of_campaign(**fields):
             for values in product(*fields.values())]
 
 
-@pytest.mark.parametrize('values', [[5.0, 10.0, 30.0], [[0, 0], [1, 1]]])
-def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_bands_are(values):
+@pytest.mark.parametrize('values, shown', [
+    ([5.0, 10.0, 30.0], ['5', '10', '30']), ([[0, 0], [1, 1]], ['[0, 0]', '[1, 1]'])])
+def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_lines_are(
+        values, shown):
     figure = draw_figure(rows_of_campaign(second=values))
     [legend], [axes] = figure.legends, figure.axes
-    assert legend.get_title().get_text() == (
-        'lines: medians; bands: from 10 to 90% of the missions, over place')
+    assert legend.get_title().get_text().split() == (
+        'medians, thin: 10% and 90%, of n = 11 missions at each point, over place second:').split()
     figure.draw_without_rendering()
     assert not legend.get_window_extent().overlaps(axes.bbox)
     assert axes.get_xlabel() == 'duration (s)'
-    assert [line.get_label() for line in axes.lines] == [
-        f'second {json.dumps(value)}, joint' for value in values]
-    for number, (line, band) in enumerate(zip(axes.lines, axes.collections)):
-        medians = [duration * (1 + number) + 5 for duration in (10, 20)]
-        assert line.get_xydata().tolist() == [[10, medians[0]], [20, medians[1]]]
-        heights = {round(y) for _, y in band.get_paths()[0].vertices}
-        assert heights == {middle + by for middle in medians for by in (-4, 4)}
+    assert [text.get_text() for text in legend.get_texts()] == shown
+    lines = [line.get_xydata().tolist() for line in axes.lines if len(line.get_xdata()) == 2]
+    assert lines == [
+        [[x, x * number + by] for x in (10, 20)]
+        for number in range(1, 1 + len(values)) for by in (5, 1, 9)]
+
+
+def test_what_could_not_be_flown_is_counted_and_no_curve_begins_later():
+    rows = rows_of_campaign(second=[1.0, 2.0])
+    for row in rows:
+        is_short = row['fields']['duration'] == 10.0
+        if is_short and (row['fields']['second'] == 2.0 or row['sample'] < 4):
+            row |= {'outcome': 'infeasible', 'guaranteed_rate': None, 'promise': None}
+    figure = draw_figure(rows)
+    [axes] = figure.axes
+    assert '15 of 22 could not be flown at 10 s' in figure.legends[0].get_title().get_text()
+    points = {(line.get_xdata()[0], line.get_color()): (
+        line.get_marker(), line.get_markerfacecolor()) for line in axes.lines
+        if len(line.get_xdata()) == 1}
+    first, second = axes.lines[0].get_color(), axes.lines[5].get_color()
+    assert points == {(10.0, first): ('o', 'white'), (20.0, first): ('o', first),
+                      (10.0, second): ('x', 'white'), (20.0, second): ('o', second)}
+    assert [text.get_text() for text in axes.texts] == ['n = 7']
 
 
 def test_a_third_and_a_fourth_field_are_small_multiples():
     figure = draw_figure(rows_of_campaign(
         second=[1, 2], third=['a', 'b', 'c'], fourth=[0, 7], fifth=[1, 2]))
-    assert [axes.get_title() for axes in figure.axes] == [
-        f'third "{letter}"\nfourth {number}' for number in (0, 7) for letter in 'abc']
-    assert all(len(axes.lines) == 2 for axes in figure.axes)
-    assert figure.legends[0].get_title().get_text().endswith('over place, fifth')
+    assert [axes.get_title(loc='left') for axes in figure.axes] == [
+        f'third: {letter}\nfourth: {number}' for number in (0, 7) for letter in 'abc']
+    assert all(len({line.get_color() for line in axes.lines}) == 2 for axes in figure.axes)
+    assert 'over place, fifth' in ' '.join(figure.legends[0].get_title().get_text().split())
+
+
+@pytest.mark.parametrize('field, words', [
+    ('duration', 'duration'), ('uavs.*.average_power', 'average power of all UAVs'),
+    ('uavs.0.start.1', 'start north of UAV 1'), ('channel.los', 'lines of sight'),
+    ('eavesdroppers.0.position', 'position of eavesdropper 1')])
+def test_a_field_is_named_in_words(field, words):
+    assert name_field(field) == words
 
 
 def test_without_a_field_that_varies_methods_are_compared_by_the_rate_of_each_objective():

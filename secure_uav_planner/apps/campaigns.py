@@ -18,7 +18,8 @@ from typing import Any, BinaryIO, TYPE_CHECKING
 from .campaign_file import load_campaign
 from .missions import load_input, make_folder
 from .planning import drawing_if_possible
-from .results import make_frame, save_figure, save_tables
+from .results import make_frame, save_tables
+from .summary import save_figure
 from .tasks import COLUMNS, ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
 from ..errors import brief, OptionError, PlanningError, quote, StoppedError
 from ..mission.files import naming

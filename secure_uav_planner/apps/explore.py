@@ -310,7 +310,7 @@ def _lay_out(page: str, scenario: Scenario) -> html.Div:
         'xaxis': {**axis, 'title': 'east (m)', 'range': [left, right]},
         'yaxis': {**axis, 'title': 'north (m)', 'range': [low, high], 'scaleanchor': 'x'}})
     charts = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.04).update_layout(shared)
-    label_charts(charts, 1.0, 1)
+    label_charts(charts, 1)
     buttons = {'undo': 'undo', 'redo': 'redo', **{kind: f'+ {kind}' for kind in _ADDED}}
     return html.Div(id='explore', children=[
         html.Div([
@@ -340,7 +340,7 @@ def _draw_plans(on_map: Patch, plan: Plan, kept: Plan) -> Patch:
     charts['data'] = [trace.update(xaxis=f'x{row}', yaxis=f'y{row}') for trace, row in (
         *((_paint_grey(trace), row) for trace, row in behind.chart_traces()),
         *content.chart_traces())]
-    charts['layout']['yaxis']['range'] = power_range(content.peak)
+    charts['layout']['yaxis']['range'] = power_range(plan)
     return charts
 
 

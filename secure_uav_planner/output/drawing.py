@@ -1,6 +1,7 @@
 """Shared by all views: colours, axes, labels, the margin of zones and fence, the map's extent."""
 
 import math
+from typing import Any
 
 import numpy as np
 import shapely
@@ -21,7 +22,7 @@ _NODES = ('#332288', '#117733', '#AA4499', '#999933', '#882255', '#44AA99')  # O
 _UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
 
 
-def uav_color(index):
+def uav_color(index: int) -> str:
     """Return the colour of a UAV, '#rrggbb'; UAV 0 transmits, repeated colours are darker."""
     if index == 0:
         return _UAVS[0]
@@ -73,7 +74,7 @@ def node_labels(scenario):
     return ['ground node'] if scenario.ground_node is not None else [*scenario.ground_node_names]
 
 
-def style_axes(axes):
+def style_axes(axes: Any) -> None:
     """Draw a faint grid behind everything; remove the frame at the top and at the right."""
     axes.grid(color='0.9', linewidth=0.6)
     axes.set_axisbelow(True)

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from .drawing import GEOFENCE, map_extent, rate_label, scheme_name
-from .traces import label_charts, PlanTraces
+from .traces import label_charts, PlanTraces, power_range
 from ..mission.files import atomic_file
 
 _MOST_FRAMES = 400
@@ -101,7 +101,8 @@ def draw_page(plan, baselines=()):
     figure.update_xaxes(title_text='east (m)', range=east, constrain='domain', row=1, col=1)
     figure.update_yaxes(title_text='north (m)', range=north, constrain='domain',
                         constraintoward='top', scaleanchor='x', row=1, col=1)
-    label_charts(figure, content.peak, 2)
+    label_charts(figure, 2)
+    figure.update_yaxes(range=power_range(plan), row=1, col=2)
     _add_controls(figure, content, points)
     return figure
 

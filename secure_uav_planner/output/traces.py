@@ -4,15 +4,16 @@ import numpy as np
 import plotly.graph_objects as go
 
 from .drawing import (
-    altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, is_obstacle, label_position,
-    list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, RATE, receiver_label,
-    scheme_name, uav_color)
+    altitude_label, distinct_paths, EAVESDROPPER, eavesdropper_color, GEOFENCE, is_obstacle,
+    label_position, list_tracks, MARGIN, margin_rings, NO_FLY_ZONE, node_color, node_labels, RATE,
+    receiver_label, scheme_dash, scheme_name, uav_color)
 from ..model import channel
 
-_LEAST_POWER = 2e-5  # Of the axis, as a share of the largest peak power.
+_LEAST_POWER = 2e-5  # Least power on the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
 _TRACK_MARKS = 5  # Times at the track of a receiver.
+_PLOTLY_DASHES = {'--': 'dash', ':': 'dot', '-.': 'dashdot'}  # By those of Matplotlib.
 _GREY = '#808080'
 _SPACE = '\u2003\u2003'  # Between a disc and its name.
 
@@ -77,12 +78,14 @@ class PlanTraces:
 
     def baseline_traces(self, baselines):
         """Yield paths and guaranteed rates of baselines in grey, each with its row; see above."""
-        for baseline, dash in zip(baselines, ('dash', 'dot', 'dashdot')):
+        drawn = [baseline for baseline, _ in distinct_paths(baselines)]
+        for baseline in baselines:
+            dash = _PLOTLY_DASHES[scheme_dash(baseline.method)]
             style = {'mode': 'lines', 'legendgroup': baseline.method, 'hoverinfo': 'skip',
                      'name': scheme_name(baseline.method)}
-            for path in baseline.positions:
-                yield _scatter(path, showlegend=False, line={'color': _GREY, 'width': 1},
-                               **style), None
+            for path in baseline.positions if baseline in drawn else ():
+                yield _scatter(path, showlegend=False,
+                               line={'color': _GREY, 'width': 1, 'dash': dash}, **style), None
             yield go.Scatter(
                 x=baseline.times.tolist(), y=np.pad(baseline.guaranteed_rates, 1).tolist(),
                 line={'color': _GREY, 'width': 1.5, 'dash': dash, 'shape': 'hv'}, **style), 2
@@ -171,15 +174,17 @@ class PlanTraces:
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
 
-def power_range(peak):
-    """Return the decades of the axis of powers for the largest peak power in W."""
-    return np.log10([_LEAST_POWER * peak, 2 * peak]).tolist()
+def power_range(plan):
+    """Return the decades of the axis of the powers of a plan in W, at least one."""
+    peak = max(uav.peak_power for uav in plan.scenario.uavs)
+    shown = plan.powers[plan.powers >= _LEAST_POWER * peak]
+    return np.log10([min(shown.min(initial=peak) / 1.5, peak / 10), 2 * peak]).tolist()
 
 
-def label_charts(figure, peak, column):
+def label_charts(figure, column):
     """Label the axes of powers, rates and what is delivered in a column of subplots."""
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
-                        range=power_range(peak), row=1, col=column)
+                        row=1, col=column)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero',
                         row=2, col=column)
     figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero',

@@ -1,0 +1,224 @@
+"""The figure of a campaign: rates over the fields that vary, and what could not be flown."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+import json
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from .tasks import ERROR, Row, WORKER_LOST
+from ..mission import OBJECTIVES
+from ..mission.files import atomic_file
+from ..mission.geography import Origin
+from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
+from ..mission.propagation import Channel, rate_name
+from ..mission.scenario import Scenario
+
+_DASHES = ('-', '--', ':', '-.')
+_UNITS = {field.name: field.metadata['unit']
+          for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
+          for field in fields(kind)}
+_OWNERS = {'uavs': 'UAV', 'eavesdroppers': 'eavesdropper', 'ground_nodes': 'ground node',
+           'no_fly_zones': 'zone'}
+_WORDS = {'reference_snr_db': 'SNR at 1 m and 1 W', 'los': 'lines of sight',
+          'exponent': 'path loss exponent', 'rician_k_db': 'Rician factor',
+          'receiver_advantage_db': 'receiver advantage'}
+_COORDINATES = {'0': 'east', '1': 'north'}
+_MOST_LINES = 6  # Values of a second field, and panels of a third and a fourth.
+_MOST_PLACES = 3  # With missions that could not be flown, named in the figure.
+_LATER = 'second', 'third', 'fourth'
+_LABEL_WIDTH = 40  # In characters.
+_QUANTILES = 0.1, 0.5, 0.9
+_EMPTY_POINT = 'x'  # Marker of points whose missions could not be flown.
+
+
+def save_figure(rows: Sequence[Row], path: Path) -> None:
+    """Write the figure of the rows to a PNG file."""
+    figure = draw_figure(rows)
+    with atomic_file(path, binary=True) as file:
+        figure.savefig(file, dpi=150, format='png')
+
+
+def draw_figure(rows: Sequence[Row]) -> Any:
+    """
+    Return a Figure of the rates over the first field with several numbers, or histograms.
+
+    Each maximised rate has axes of its own, with the rows that are compared by it: a line for each
+    method and each value of a second field that has few. A third field has a column of axes for
+    each value, a fourth a row. Lines are medians; thin lines hold eight of ten missions. A hollow
+    point lacks missions that could not be flown; a cross on the axis lacks all.
+    """
+    from ..output.figures import own_settings
+    with own_settings():
+        return _draw_figure([row for row in rows if row['outcome'] not in (ERROR, WORKER_LOST)])
+
+
+def name_field(field: str) -> str:
+    """Return the words of a varied field: 'peak power of all UAVs' for 'uavs.*.peak_power'."""
+    owner, *parts = field.split('.')
+    index = parts.pop(0) if owner in _OWNERS and parts else None
+    names = [part for part in (parts or [owner]) if not part.isdigit() and part != '*']
+    numbers = [_COORDINATES.get(part, part) for part in parts if part.isdigit()]
+    words = ' '.join([*(_WORDS.get(name, name.replace('_', ' ')) for name in names), *numbers])
+    return words if index is None else f'{words} of ' + (
+        f'all {_OWNERS[owner]}s' if index == '*' else f'{_OWNERS[owner]} {int(index) + 1}')
+
+
+def _draw_figure(rows: Sequence[Row]) -> Any:
+    from ..output.drawing import style_axes
+    from ..output.figures import Picture
+    name, *later = _choose_fields(rows)
+    frame = _make_frame(rows, name, later)
+    is_split = later[1] is not None
+    rates = [rate for rate in OBJECTIVES if rate in set(frame.objective)]
+    columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _LATER[1:])
+    # Few panels are large; rates without a third field are beside each other.
+    places = [(rate, line, column) for line in lines for rate in rates for column in columns]
+    width = max(1, len(columns) if is_split else len(rates))
+    height = max(1, len(places) // width)
+    figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
+                              4.8 if height == 1 else 3.2 * height), layout='constrained')
+    grid = figure.subplots(height, width, sharey=name is not None, sharex=is_split,
+                           squeeze=False)
+    for axes, (rate, line, column) in zip(grid.flat, places):
+        group = frame[(frame.objective == rate) & (frame.third == column)
+                      & (frame.fourth == line)]
+        names = dict.fromkeys(rate_name(rate, promise) for promise in group.promise.dropna())
+        label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
+        if name is None:
+            axes.yaxis.get_major_locator().set_params(integer=True)
+            for method, chosen in group.dropna(subset='rate').groupby('method', sort=False):
+                axes.hist(chosen.rate, bins=30, alpha=0.6, label=method)
+        else:
+            _draw_lines(axes, frame, group)
+        axes.set_xlabel(label if name is None else _label_field(name))
+        axes.set_ylabel('missions' if name is None else label)
+        if is_split:
+            axes.set_title('\n'.join(
+                f'{name_field(field)}: {value}' for field, value in zip(later[1:], (column, line))
+                if field is not None), fontsize=9, loc='left')
+            axes.label_outer()
+        style_axes(axes)
+    if rates:
+        _add_legend(figure, grid, frame, rows, (name, *later))
+    return figure
+
+
+def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | None]) -> Any:
+    """Return a DataFrame of the rows, whose rate is missing where a mission was not flown."""
+    from pandas import DataFrame
+    frame = DataFrame([{
+        'objective': row['objective'], 'rate': row[f'{row["objective"]}_rate'] if (
+            row['outcome'] == 'ok') else None,
+        'promise': row.get('promise') or ('guaranteed' if row['outcome'] == 'ok' else None),
+        'method': row['method'], 'x': row['fields'].get(name),
+        **{part: _label_value(row, field) for part, field in zip(_LATER, later)}}
+        for row in rows], columns=['objective', 'rate', 'promise', 'method', 'x', *_LATER])
+    # Missions that were not flown have no promise of their own.
+    frame.promise = frame.groupby(['method', 'x', 'second'], dropna=False).promise.transform(
+        lambda group: group.ffill().bfill())
+    if frame.promise.nunique() > 1:
+        frame.method += ', ' + frame.promise.fillna('')
+    return frame.astype({'rate': float})
+
+
+def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
+    """Draw the rates of a group over x: a colour for each second value, a dash for each method."""
+    from ..output.drawing import uav_color
+    methods, values = frame.method.unique().tolist(), frame.second.unique().tolist()
+    for (method, value), chosen in group.groupby(['method', 'second'], sort=False):
+        by_x = chosen.groupby('x').rate
+        flown, asked = by_x.count(), by_x.size()
+        band = by_x.quantile(_QUANTILES).unstack()
+        number = values.index(value) if value else methods.index(method)
+        color = uav_color(number)
+        dash = _DASHES[methods.index(method) % len(_DASHES)] if value else '-'
+        label = ', '.join(filter(None, (value, method if len(methods) > 1 or not value else '')))
+        axes.plot(band.index, band[0.5], dash, color=color, linewidth=1.8, label=label)
+        for quantile in (_QUANTILES[0], _QUANTILES[-1]):
+            axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)
+        for x in band.index:
+            is_flown = flown[x] > 0
+            axes.plot(x, band[0.5][x] if is_flown else 0.02, 'o' if is_flown else _EMPTY_POINT,
+                      color=color, markersize=5, clip_on=False, markerfacecolor=(
+                          color if flown[x] == asked[x] else 'white'),
+                      transform=axes.transData if is_flown else axes.get_xaxis_transform())
+            if 0 < flown[x] < asked[x]:
+                axes.annotate(f'n = {flown[x]}', (x, band[0.5][x]), (5, -9), color=color,
+                              textcoords='offset points', fontsize=7.5)
+
+
+def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
+                chosen: Sequence[str | None]) -> None:
+    """Add a legend for all axes, above them, where it covers nothing, with what lines mean."""
+    handles = {label: handle for axes in grid.flat
+               for handle, label in zip(*axes.get_legend_handles_labels())}
+    name, second, *_ = chosen
+    notes = []
+    if name is not None:
+        rest = [name_field(field) for field in rows[0]['fields'] if field not in chosen]
+        counts = frame.groupby(['objective', 'method', 'x', *_LATER]).size()
+        count = f'{counts.min()}' if counts.min() == counts.max() else (
+            f'{counts.min()} to {counts.max()}')
+        notes.append(f'medians, thin: 10% and 90%, of n = {count} missions at each point' + (
+            f', over {", ".join(rest)}' if rest else ''))
+    notes.extend(_list_failures(frame, name))
+    if second is not None:
+        notes.append(f'{name_field(second)}:')
+    title = '\n'.join(line for note in notes for line in wrap(
+        note, int(11 * figure.get_figwidth())))
+    figure.legend(handles.values(), handles.keys(), loc='outside upper left', fontsize=9,
+                  frameon=False, title=title, title_fontsize=9, alignment='left',
+                  ncols=max(1, int(figure.get_figwidth() // 2.5)))
+    figure.set_figheight(
+        figure.get_figheight() + 0.17 * (len(handles) + title.count('\n')))
+
+
+def _list_failures(frame: Any, name: str | None) -> list[str]:
+    """Return how many missions could not be flown, and where, as lines of text."""
+    failed = frame.rate.isna()
+    if not failed.any():
+        return []
+    if name is None:
+        return [f'{failed.sum()} of {len(frame)} missions could not be flown']
+    counts = frame.assign(failed=failed).groupby('x').failed.agg(['sum', 'size'])
+    places = [f'{row["sum"]} of {row["size"]} could not be flown at {x:g} {_unit(name)}'.rstrip()
+              for x, row in counts[counts['sum'] > 0].iterrows()]
+    more = sum(counts['sum'] > 0) - _MOST_PLACES
+    return ['; '.join(places[:_MOST_PLACES] + ([f'and at {more} more'] if more > 0 else []))
+            + ' (hollow: some, cross: all)']
+
+
+def _label_field(field: str) -> str:
+    return f'{name_field(field)} ({_unit(field)})'.removesuffix(' ()')
+
+
+def _label_value(row: Row, field: str | None) -> str:
+    """Return the value of a field in words, with its unit; '' for no field."""
+    if field is None:
+        return ''
+    value = row['fields'][field]
+    text = f'{value:g}' if isinstance(value, float) else (
+        'none' if value is None else json.dumps(value).strip('"').replace('_', ' '))
+    return f'{text} {_unit(field)}'.rstrip() if value is not None else text
+
+
+def _unit(field: str) -> str:
+    return next((_UNITS[part] for part in reversed(field.split('.')) if part in _UNITS), '')
+
+
+def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
+    """Return the first field of the grid with numbers, and three later with few values."""
+    samples = len({row['sample'] for row in rows})
+    counts = {}
+    for name in rows[0]['fields'] if rows else ():
+        values = [json.dumps(row['fields'][name]) for row in rows]
+        # A random field has one value in each sample.
+        if len({*zip((row['sample'] for row in rows), values)}) > samples:
+            counts[name] = len({*values})
+    first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
+                  and all(isinstance(row['fields'][name], (int, float)) for row in rows)), None)
+    later = [name for name, count in counts.items() if name != first and first is not None
+             and count <= min(_MOST_LINES, len(rows) // 2)]
+    return [first, *later[:3], *[None] * (3 - len(later))]
