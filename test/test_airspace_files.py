@@ -459,7 +459,9 @@ def test_a_mission_takes_zones_and_fence_from_the_file_beside_it(tmp_path):
     assert scenario.zone_names == ('hospital', 'tower', 'stadium', 'polygon 2')
     assert scenario.no_fly_zones[3:] == zones and scenario.geofence == vertices
     for change, line, reason in (
-            ({'origin': None}, 'origin', 'origin is null; it must be a'),
+            ({'origin': None}, 'origin', 'a mission with airspace must have one: origin: {lat'),
+            ({'origin': 5}, 'origin', 'origin is 5; it must be an origin or a mapping of its'),
+            ({'airspace': '\ud83d'}, 'airspace', 'it must be text of whole characters'),
             ({'origin': {'latitude': 99}}, 'origin', 'origin lacks longitude'),
             ({'airspace': 'no.kml'}, 'airspace', "'no.kml' cannot be read: No such file"),
             ({'airspace': 3}, 'airspace', 'airspace is 3; it must be the path of a file'),

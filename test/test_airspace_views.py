@@ -42,6 +42,19 @@ def test_picture_and_page_have_every_zone_with_its_altitudes_and_the_fence(plan)
     assert drawn == {(*vertices, vertices[0]) for vertices in wanted}
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('name', ['禁飞区', 'निषिद्ध क्षेत्र', 'منطقة', '\U0001f681'])
+def test_zones_and_receivers_may_be_named_in_any_script(plan, tmp_path, name):
+    scenario = plan.scenario
+    named = replace(plan, scenario=replace(
+        scenario, no_fly_zones=(replace(scenario.no_fly_zones[0], name=name),
+                                *scenario.no_fly_zones[1:]),
+        eavesdroppers=(replace(scenario.eavesdroppers[0], name=name), *scenario.eavesdroppers[1:]),
+        uavs=(replace(scenario.uavs[0], name=name), *scenario.uavs[1:])))
+    named.plot().savefig(tmp_path / 'plan.png')
+    named.scenario.plot().savefig(tmp_path / 'mission.png')
+
+
 def check_rims(outlines, scenario):
     """Assert that outlines are the rims of the margin around zones and inside the fence."""
     wanted = [shapely.Polygon(vertices).buffer(3, quad_segs=64).difference(

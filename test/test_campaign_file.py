@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 from pathlib import Path
+import re
 
 import pytest
 from secure_uav_planner import Eavesdropper, run_campaign, Scenario
@@ -131,12 +132,14 @@ def test_a_function_of_ones_own_is_a_scheme(missions, tmp_path, monkeypatch):
         (f'mission: moving.yaml\nvary: {{{vary}: [[0, 0], [5, 5]]}}', words)
         for vary, words in (
             ('eavesdroppers.0.error_radius', "no field 'eavesdroppers.0.error_radius'"),
-            ('eavesdroppers.*.position.0', 'vary the knots of a track instead'),
+            ('eavesdroppers.*.position.0', 'vary the knots of the track instead'),
+            ('eavesdroppers.0.errorradius', 'or eavesdroppers.*.error_radius'),
             ('ground_node.position', "no field 'ground_node.position'")))])
 def test_a_wrong_campaign_is_refused_in_a_line(missions, capsys, text, reason):
     Path('campaign.yaml').write_text(text)
     with pytest.raises(MissionFileError) as error:
         load_campaign('campaign.yaml')
     assert any(reason in problem for _, problem in error.value.problems)
+    assert re.search('error_radius|position', text) or 'knots' not in str(error.value)
     assert main(['sweep', 'campaign.yaml']) == 2
     assert reason in capsys.readouterr().err and not Path('out').exists()

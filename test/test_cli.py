@@ -113,6 +113,8 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
     (['show', __file__], 'is not a plan: line 1 is not JSON'),
     (['sweep', 'mission.json'], 'it is a mission; a campaign names one by its field mission'),
     (['plan', 'mission.json', '-o', 'mission.json'], 'cannot be written to: it is a file'),
+    (['plan', 'mission.json', '-o', 'lost'], 'it is a link to /no/disk, which is not there'),
+    (['new', 'lost'], 'it is a link to /no/disk, which is not there'),
     (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
     (['plan', 'mission.json', '--method', 'alternating', '--objective', 'worst_case'],
      "'alternating' has only 'guaranteed'"),
@@ -130,10 +132,11 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
     monkeypatch.chdir(tmp_path)
     Scenario.paper(120.0, slots=10).save('mission.json')
+    Path('lost').symlink_to('/no/disk')
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert out == '' and len(err.splitlines()) == 1 and reason in err
-    assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out'}
+    assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out', 'lost'}
 
 
 @pytest.mark.parametrize('arguments, reason', [

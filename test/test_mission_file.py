@@ -11,10 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import (
-    Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario, Uav)
+    Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Plan, Propulsion,
+    Scenario, Uav)
+from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.errors import MissionFileError
 from secure_uav_planner.mission.fields import Number, Pair
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
+from secure_uav_planner.output.tables import save_csv
 from strategies import missions
 import yaml
 
@@ -234,6 +237,40 @@ def test_plans_parameter_files_and_campaigns_are_recognised(tmp_path):
                        (ROOT / 'config' / 'paper.yaml', 'a parameter file')):
         [(_, text)] = load_problems(file)
         assert text.startswith(f'it is {kind}')
+        if file != campaign:
+            with pytest.raises(MissionFileError, match=f'it is {kind}'):
+                load_campaign(file)
+
+
+ROBOT = '\U0001f681 one'
+
+
+@pytest.mark.parametrize('name', ['a.yaml', 'a.json'])
+@pytest.mark.parametrize('mark', ['', '\ufeff'])
+def test_names_are_those_that_json_writes_and_a_byte_order_mark_is_taken(tmp_path, name, mark):
+    data = json.dumps(change_values(RICH.to_dict(), {'uavs/0/name': ROBOT}))
+    assert r'\ud83d\ude81 one' in data
+    scenario = Scenario.load(write_file(tmp_path, mark + data, name))
+    assert scenario.uavs[0].name == ROBOT
+    first, second = Scenario.paper().uavs
+    plan = fly_hover_fly(replace(Scenario.paper(), uavs=(
+        replace(first, name=json.loads(json.dumps(ROBOT)[:7] + '"') + chr(0xde81) + ' one'),
+        second)))
+    save_csv(plan, tmp_path / 'plan.csv')
+    assert ROBOT in (tmp_path / 'plan.csv').read_text(encoding='utf-8')
+    plan.save(tmp_path / 'plan.json')
+    text = (tmp_path / 'plan.json').read_text()
+    (tmp_path / 'plan.json').write_text(mark + text, encoding='utf-8')
+    assert Plan.load(tmp_path / 'plan.json').scenario.uavs[0].name == ROBOT
+    campaign = write_file(tmp_path, mark + json.dumps({'mission': name}), 'campaign.json')
+    assert load_campaign(campaign).mission == scenario
+
+
+def test_half_of_a_character_is_refused_with_its_line(tmp_path):
+    text = json.dumps(change_values(RICH.to_dict(), {'uavs/0/name': ROBOT}), indent=1)
+    [(line, problem)] = load_problems(write_file(tmp_path, text.replace(r'\ude81', ''), 'a.yaml'))
+    assert text.splitlines()[line - 1].strip().startswith('"name": "\\ud83d')
+    assert "name is '\\ud83d one'; it must be text of whole characters" in problem
 
 
 @pytest.mark.parametrize('member', [7, None, [], 'uav1'])

@@ -203,6 +203,14 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, plan, monk
     assert [file.name for file in tmp_path.iterdir()] == ['plan.json']
 
 
+@pytest.mark.parametrize('stem', [250 * 'a', 83 * 'é飛', 62 * '\U0001f681'])
+def test_a_file_may_have_any_legal_name(tmp_path, plan, stem):
+    stem = stem.encode()[:250].decode(errors='ignore')
+    plan.save(tmp_path / f'{stem}.json')
+    assert Plan.load(tmp_path / f'{stem}.json').scenario == plan.scenario
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_an_error_of_a_save_names_the_file_and_not_its_part(tmp_path, plan):
     file = tmp_path / 'none' / 'plan.json'
     with pytest.raises(FileNotFoundError) as error:

@@ -73,7 +73,7 @@ def change_plan(field, index, value):
 
 
 KNOTS = '2 to 10000 knots (t, x, y, radius)'
-DEGREES = 'in degrees, in the file of a mission with an origin, at most 100 km from it'
+NO_ORIGIN = 'a place in degrees needs a mission file with an origin'
 
 MISSIONS = [
     (SCOUT, {'start': (1.0,)}, 'start', ''),
@@ -147,14 +147,22 @@ MISSIONS = [
         (((0, 0, 0), (1, 0, 1)), 'track[0]', 'is (0, 0, 0); it must be the numbers'),
         (((0, 0, 0, 1), 3), 'track[1]', 'is 3; it must be the numbers'))),
     (ZURICH, {'projection': 'utm'}, 'projection', 'one of px4, ardupilot'),
-    *((read_mission, {field: place, 'origin': origin}, path, DEGREES)
-      for origin, field, path, place in (
-        (None, 'ground_node', 'ground_node', HERE),
-        (HERE, 'ground_node', 'ground_node', {'latitude': 8.5, 'longitude': 47.4}),
-        (HERE, 'ground_node', 'ground_node', {'latitude': 47.4}),
-        (HERE, 'ground_node', 'ground_node', {'latitude': '47.4', 'longitude': 8.5}),
-        (None, 'geofence', 'geofence[0]', [HERE] * 4),
-        (None, 'ground_node', 'ground_node.track[0]', {'track': [[0, HERE], [1, 0, 0]]}))),
+    *((read_mission, {field: place, 'origin': origin}, path, words)
+      for origin, field, path, place, words in (
+        (None, 'ground_node', 'ground_node', HERE, NO_ORIGIN),
+        (HERE, 'ground_node', 'ground_node', {'latitude': 8.0, 'longitude': 47.1},
+         'at most 100 km; latitude and longitude are swapped'),
+        (HERE, 'ground_node', 'ground_node', {'latitude': 49.0, 'longitude': 8.0},
+         'a place is 222.4 km from the origin, east and north; it must be at most 100 km'),
+        (HERE, 'ground_node', 'ground_node', {'latitude': 47.4}, 'a latitude and a longitude'),
+        (HERE, 'ground_node', 'ground_node', {'latitude': '47.4', 'longitude': 8.5},
+         'latitude is nan and longitude 8.5; they must be from -90 to 90'),
+        (None, 'geofence', 'geofence[0]', [HERE] * 4, NO_ORIGIN),
+        (None, 'ground_node', 'ground_node.track[0]', {'track': [[0, HERE], [1, 0, 0]]},
+         NO_ORIGIN))),
+    (read_mission, {'origin': 5}, 'origin', 'it must be an Origin or a mapping of its fields'),
+    (SCOUT, {'name': '\ud83d one'}, 'name', 'text of whole characters'),
+    (TOWER, {'name': '\ude81\ud83d'}, 'name', 'text of whole characters'),
 ]
 OPTIONS = [
     (World, {'place': 'here'}, 'place', 'must be one of disc, normal, beyond, fixed'),

@@ -19,8 +19,10 @@ from ..assessment.monte_carlo import arguments
 from ..errors import describe_class, OptionError, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
 from ..mission.fields import (
-    Checked, checked_by, checked_truth, ErrorList, raise_all, read_object, refuse, WholeNumber)
+    Checked, checked_by, checked_text, checked_truth, ErrorList, raise_all, read_object, refuse,
+    WholeNumber)
 from ..mission.formats.documents import Document, FileProblem, make_file_error, read_document
+from ..mission.formats.mission_file import check_foreign
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..mission.validation import to_number
@@ -174,10 +176,13 @@ class Campaign(Checked):
                 yield ScenarioError(f'{name} is decided by a track that varies; vary its knots',
                                     ('vary', name))
             elif not any(_resolve_field(self._base, name)):
-                yield ScenarioError(
-                    f'the mission has no field {quote(name)}; name it as duration, '
-                    'uavs.0.max_speed or eavesdroppers.*.error_radius, and vary the knots of a '
-                    'track instead of what it decides', ('vary', name))
+                has_track = parts[2:3] in (['position'], ['error_radius']) and any(
+                    item['track'] for item, _ in _resolve_field(
+                        self._base, '.'.join((*parts[:2], 'track'))))
+                advice = ('vary the knots of the track instead, which decides it' if has_track else
+                          'name it as duration, uavs.0.max_speed or eavesdroppers.*.error_radius')
+                yield ScenarioError(f'the mission has no field {quote(name)}; {advice}',
+                                    ('vary', name))
         if not self.schemes:
             yield ScenarioError(f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}',
                                 ('methods',))
@@ -272,12 +277,13 @@ def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaig
     else:
         path, document = os.fspath(source), read_document(source)
     data, problems = document.data, [*document.problems]
+    check_foreign(path, data, 'powers', 'ros__parameters')
     try:
         with yaml_notation():
             if isinstance(data, dict) and 'uavs' in data:
                 raise ScenarioError('it is a mission; a campaign names one by its field mission')
             if isinstance(data, dict) and isinstance(data.get('mission'), str):
-                data['mission'] = str(Path(path).parent / data['mission'])
+                data['mission'] = str(Path(path).parent / checked_text(data['mission']))
             campaign: Campaign = read_object(Campaign, data, describe_class(Campaign))
     except ScenarioError as error:
         problems += (FileProblem(document.line(item.place), str(item))

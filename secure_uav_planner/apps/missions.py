@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import os
 from pathlib import Path
 import sys
 import tempfile
@@ -51,6 +52,7 @@ def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence
     with _refusing(f'{file} cannot be written', '; choose another file with --out'):
         if file.is_dir():
             raise IsADirectoryError('it is a folder')
+        _check_link(file)
         with tempfile.TemporaryFile(dir=file.parent):
             return file
 
@@ -60,9 +62,16 @@ def make_folder(folder: Path) -> Path:
     with _refusing(f'{folder} cannot be written to', '; choose another folder with --out'):
         if folder.is_file():
             raise NotADirectoryError('it is a file')
+        _check_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
+
+
+def _check_link(path: Path) -> None:
+    """Raise an OSError for a link to nothing, such as a disk that is not mounted."""
+    if path.is_symlink() and not path.exists():
+        raise FileNotFoundError(f'it is a link to {os.readlink(path)}, which is not there')
 
 
 @contextmanager
@@ -84,6 +93,8 @@ def create_mission(options: argparse.Namespace) -> None:
         raise OptionError(f'{path} is there already; --force replaces it')
     if path.suffix.lower() == '.json':
         raise OptionError(f'{path} cannot have comments as JSON; name it .yaml')
+    with _refusing(f'{path} cannot be written'):
+        _check_link(path)
     with _refusing(f'{path} cannot be written'), atomic_file(path) as file:
         file.write(EXAMPLE.read_text(encoding='utf-8'))
     print(f'{path} is written; edit it, then: secure_uav_planner check {path}')

@@ -86,24 +86,40 @@ class Pair:
     is_optional: bool = False
 
     def __call__(self, value: Any) -> Point:
+        check_degrees(value)
         low, high = COORDINATE.low, COORDINATE.high
         x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2
         if not (low <= x <= high and low <= y <= high):
             allowed = f'{quote(None)} or {self.noun}' if self.is_optional else self.noun
-            raise refuse(value, f'{allowed} (x, y) from {low:g} to {high:g} {self.unit}'
-                         f'{describe_degrees(value)}')
+            raise refuse(value, f'{allowed} (x, y) from {low:g} to {high:g} {self.unit}')
         return (x, y)
 
 
 checked_point = Pair()
 
 
-def describe_degrees(value: object) -> str:
-    """Describe the needs of a place in degrees for a message; '' for any other value."""
-    if not isinstance(value, Mapping) or not {'latitude', 'longitude'} & set(value):
-        return ''
-    return (', or {latitude: , longitude: } in degrees, in the file of a mission with an origin, '
-            f'at most {MAX_DISTANCE / 1e3:g} km from it')
+class RefusedPlace(dict[str, Any]):
+    """
+    A place in degrees that could not be converted.
+
+    :param place: its latitude and longitude.
+    :param reason: why not.
+    """
+
+    def __init__(self, place: Mapping[str, Any], reason: str) -> None:
+        super().__init__(place)
+        self.reason = reason
+
+
+def check_degrees(value: object) -> None:
+    """Raise ScenarioError for a place in degrees, which a mission with an origin converts."""
+    if isinstance(value, RefusedPlace):
+        raise ScenarioError(f' is {quote(dict(value))}: {value.reason}')
+    if isinstance(value, Mapping) and {'latitude', 'longitude'} & set(value):
+        reason = ('a place in degrees has a latitude and a longitude'
+                  if set(value) != {'latitude', 'longitude'} else 'a place in degrees needs a '
+                  'mission file with an origin: {latitude: , longitude: }')
+        raise ScenarioError(f' is {quote(value)}; {reason}')
 
 
 @dataclass(frozen=True)
@@ -126,8 +142,13 @@ class Instance:
 
     def __call__(self, value: Any) -> Any:
         if not isinstance(value, self.kind):
-            raise refuse(value, f'a {describe_class(self.kind)}')
+            raise refuse(value, _with_article(self.kind))
         return value
+
+
+def _with_article(kind: type[Any]) -> str:
+    noun = describe_class(kind)
+    return f'{"an" if noun[0] in "aeioAEIO" else "a"} {noun}'
 
 
 @dataclass(frozen=True)
@@ -192,17 +213,25 @@ def check_argument(name: str, value: Any, check: Callable[[Any], Any]) -> Any:
 
 
 def checked_name(name: object) -> str:
-    """Return a string that is not empty, or raise ScenarioError."""
+    """Return a string as checked_text does that is not empty, or raise ScenarioError."""
     if not isinstance(name, str) or not name:
         raise refuse(name, 'text that is not empty')
-    return name
+    return checked_text(name)
 
 
 def checked_text(text: object) -> str:
-    """Return a string, or raise ScenarioError."""
+    """
+    Return a string that can be written as UTF-8, or raise ScenarioError.
+
+    Pairs of surrogates, by which JSON writes a character in YAML, become that character.
+    """
     if not isinstance(text, str):
         raise refuse(text, 'text')
-    return text
+    try:
+        return text.encode('utf-16-le', 'surrogatepass').decode('utf-16-le')
+    except UnicodeDecodeError:
+        raise refuse(text, 'text of whole characters, without half of a surrogate pair'
+                     ) from None
 
 
 def checked_truth(value: Any) -> bool:
@@ -337,7 +366,7 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     :param name: of the data in messages, if that is not the name of a field.
     """
     if not isinstance(data, Mapping):
-        raise kind._ERROR(f'{name} is {quote(data)}; it must be a {describe_class(kind)} or a '
+        raise kind._ERROR(f'{name} is {quote(data)}; it must be {_with_article(kind)} or a '
                           'mapping of its fields')
     defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
     errors = ErrorList()

@@ -26,7 +26,8 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     path = Path(os.path.realpath(checked_path(path)))
     if path.exists() and not path.is_file():
         raise OSError(f'{path} is not a regular file and cannot be replaced')
-    part = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
+    # Of a length that is legal whenever that of the name is: at most 255 bytes.
+    part = path.with_name(f'{path.name[:50]}.{uuid.uuid4().hex}.part')
     is_new = not path.exists()
     mode = 0o666 if is_new else path.stat().st_mode & 0o777
     try:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .fields import Checked, checked_by, Choice, MAX_DISTANCE, number
+from .fields import Checked, checked_by, Choice, MAX_DISTANCE, number, RefusedPlace
 from .validation import Array, checked_array, to_number
 from ..errors import OptionError, quote
 
@@ -181,17 +181,27 @@ def _divide(corners: Array, counts: NDArray[np.int_]) -> Array:
                            for begin, edge, count in zip(corners, edges, counts)])
 
 
+def _describe_swapped(place: tuple[float, float], origin: Origin) -> str:
+    """Return the end of a message for a place that is near the origin if it is swapped."""
+    with suppress(OptionError):
+        origin.to_local(*place[::-1])
+        return '; latitude and longitude are swapped'
+    return ''
+
+
 def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> Any:
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
 
     They are rounded to 1e-6 m. A place in a knot of a track counts as two numbers. What is no
-    place within 100 km of the origin stays as it is; the checks of its field refuse it.
+    place within 100 km of the origin becomes a RefusedPlace, which the checks of fields refuse.
     """
     if isinstance(value, Mapping) and set(value) == {'latitude', 'longitude'}:
-        with suppress(OptionError):
-            return [round(float(part), _DECIMALS) for part in origin.to_local(
-                to_number(value['latitude']), to_number(value['longitude']))]
+        place = to_number(value['latitude']), to_number(value['longitude'])
+        try:
+            return [round(float(part), _DECIMALS) for part in origin.to_local(*place)]
+        except OptionError as error:
+            return RefusedPlace(value, f'{error}{_describe_swapped(place, origin)}')
     elif isinstance(value, Mapping) and levels:
         return {name: item if name == 'origin' else convert_points(item, origin, levels - 1)
                 for name, item in value.items()}

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .fields import (
-    check_items, check_numbers, COORDINATE, describe_degrees, FieldChecks, Number, RADIUS, refuse)
+    check_degrees, check_items, check_numbers, COORDINATE, FieldChecks, Number, RADIUS, refuse)
 from .validation import Array, is_sequence
 from ..errors import quote, ScenarioError
 
@@ -66,9 +66,10 @@ def checked_track(value: Any, radius: bool = True) -> Track:
 
 
 def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
+    for part in knot if is_sequence(knot) else ():
+        check_degrees(part)
     if not is_sequence(knot) or len(knot) != len(parts):
-        raise refuse(knot, f'the numbers ({", ".join(parts)})' + ''.join(map(
-            describe_degrees, knot if is_sequence(knot) else ())))
+        raise refuse(knot, f'the numbers ({", ".join(parts)})')
     return check_numbers(knot, parts)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from .airspace_file import read_zones
 from .documents import (
     Document, FileProblem, format_document, make_file_error, read_document)
-from ..fields import Block, ErrorList, refuse
+from ..fields import Block, checked_text, ErrorList, refuse
 from ..files import atomic_file
 from ..geography import Origin
 from ...errors import (
@@ -26,7 +26,7 @@ _HEAD = """\
 _FOREIGN_FILES = {
     'powers': 'a plan, whose field scenario is its mission',
     'vary': 'a campaign, for the command sweep; its field mission names its mission',
-    'ros__parameters': 'a parameter file of nodes, which has a mission in the file that its '
+    'ros__parameters': 'a parameter file of nodes, for `ros2 run`; a mission is the file that its '
                        'parameter mission_file names'}
 
 
@@ -38,9 +38,7 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
     :param text: what the file has, if that is no file yet; it may then name no other file.
     """
     document = read_document(path, text)
-    for field, description in _FOREIGN_FILES.items():
-        if _has_field(document.data, field):
-            raise make_file_error(path, [FileProblem(None, f'it is {description}')])
+    check_foreign(path, document.data, *_FOREIGN_FILES)
     data, problems = document.data, [*document.problems]
     if data is None:
         raise make_file_error(path, [FileProblem(
@@ -58,6 +56,13 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
     return scenario
 
 
+def check_foreign(path: str | os.PathLike[str], data: Any, *fields: str) -> None:
+    """Raise a MissionFileError for a file of another kind, which has one of these fields."""
+    for field in fields:
+        if _has_field(data, field):
+            raise make_file_error(path, [FileProblem(None, f'it is {_FOREIGN_FILES[field]}')])
+
+
 def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     """
     Add the zones and the fence of its airspace file to the plain values of a mission.
@@ -67,11 +72,16 @@ def _add_airspace(data: dict[str, Any], folder: Path) -> None:
         without an origin, or with a fence of its own.
     """
     name = data.pop('airspace')
+    if data.get('origin') is None:
+        place = 'origin' if 'origin' in data else 'airspace'
+        raise ScenarioError(f'origin is {quote(None)}; a mission with airspace must have one: '
+                            'origin: {latitude: , longitude: }', (place,))
     with prefix_path('origin'):
         origin = Block(Origin)(data.get('origin'))
     with prefix_path('airspace'):
         if not isinstance(name, str):
             raise refuse(name, 'the path of a file, relative to the mission')
+        name = checked_text(name)
         try:
             zones, fence = read_zones(folder / name, origin)
         except OSError as error:
