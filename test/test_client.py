@@ -7,15 +7,15 @@ import sys
 import threading
 import time
 
-from nav_msgs.msg import Path
 from processes import environment, ROOT
 import pytest
-from ros_client import node_here, node_process, wait_for
-from secure_uav_planner import Scenario
+from ros_client import node_here, node_process, wait_for, wait_for_line
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
 from secure_uav_planner.ros.topics import LATCHED
-from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from std_msgs.msg import String
+from strategies import with_uavs
 
 
 @pytest.fixture
@@ -29,15 +29,10 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
         planner):
     with pytest.raises(ClientError, match='no pose has come on ground_node/pose'):
         planner.plan()
-    strangers = [planner.node.create_publisher(kind, f'uav{number}/{topic}', LATCHED)
-                 for number in (1, 2) for topic, kind in (
-                     ('path', Path), ('power', Float64MultiArray),
-                     ('trajectory', MultiDOFJointTrajectory))]
-    for publisher in strangers:
-        publisher.publish(publisher.msg_type())  # They make no plan, and end no call.
+    stranger = planner.node.create_publisher(String, 'plan', LATCHED)
+    stranger.publish(String(data='[]'))  # It is not a plan, and ends no call.
     planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
-    for publisher in strangers:
-        planner.node.destroy_publisher(publisher)
+    planner.node.destroy_publisher(stranger)
     plan = planner.plan()
     wait_for(lambda: planner.status.get('plan.identity') == plan.identity)
     assert plan.guaranteed_rate == pytest.approx(
@@ -160,9 +155,37 @@ def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_p
         plan = planner.plan()
         assert 'plan.promised_until' in planner.status
         assert plan.positions[:, 0].tolist() == [[90.0, 490.0], [95.0, 495.0]]
-        assert plan.scenario.ground_node_track == track
         with pytest.raises(ClientError, match="there is no member 'eve'; there are ground_node, "):
             planner.send_pose('eve', (0.0, 0.0))
+
+
+def test_the_last_plan_is_the_plan_that_was_made_to_the_last_field(tmp_path):
+    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=3.0)
+    scenario.save(tmp_path / 'mission.yaml')
+    with node_here('planner', mission_file=tmp_path / 'mission.yaml', pose_timeout=0.0,
+                   plan_file=tmp_path / 'plan.json', objective='guaranteed'), \
+            SecurePlanner(scenario) as planner:
+        planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+        plan = planner.plan()
+        wait_for((tmp_path / 'plan.json').exists)
+    assert plan == Plan.load(tmp_path / 'plan.json')
+    assert plan.scenario.uavs == scenario.uavs and plan.history and plan.method == 'joint'
+
+
+def test_a_path_and_powers_of_another_planner_become_a_plan_that_the_replay_takes(
+        client, tmp_path):
+    mission = Scenario.paper(120.0, slots=40)
+    mission.save(tmp_path / 'mission.yaml')
+    plan = replace(fly_hover_fly(mission), start_ns=10**18)
+    with node_process(ROOT / 'examples/ros/plan_from_path.py',
+                      mission_file=tmp_path / 'mission.yaml'), node_here('replay') as replay:
+        for topic, message in messages.plan_messages(plan, 'earth'):
+            if topic.endswith(('/path', '/power')):
+                client.publisher(type(message), topic, LATCHED).publish(message)
+        made = wait_for(lambda: client.last_plan)
+        wait_for_line(replay, f'got a plan of 40 slots for uav1, uav2: {made.identity}')
+    assert made.identity == plan.identity
+    assert made.guaranteed_rate == pytest.approx(plan.guaranteed_rate)
 
 
 EXAMPLES = {'plan_and_fly': 'the flight has ended', 'moving_estimate': 'replan 1 at',

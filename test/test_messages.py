@@ -3,13 +3,18 @@
 from dataclasses import replace
 
 from builtin_interfaces.msg import Time
+from hypothesis import example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from secure_uav_planner import fly_hover_fly, PlanningError, Scenario
+from secure_uav_planner import Bound, fly_hover_fly, Plan, PlanningError, Scenario
+from secure_uav_planner.errors import PlanFileError
+from secure_uav_planner.plan.file import parse_text
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
-from strategies import with_uavs
+from strategies import missions, with_uavs
+from test_mission_file import RICH
 
 START_NS = 1763727000123456789
 
@@ -66,6 +71,32 @@ def test_path_and_trajectory_are_the_points_and_the_curve_of_the_plan(
             twist, = twists
             assert numbers(twist.linear) == [*expected[uav, n], 0.0]
             assert numbers(twist.angular) == [0.0] * 3
+
+
+@given(missions(), st.sampled_from(['', 'map', 'Erde_ö']), st.data())
+@example(RICH, 'map', None)
+def test_what_is_read_equals_the_plan_that_was_sent(scenario, frame_id, data):
+    plan = replace(fly_hover_fly(scenario), start_ns=START_NS, solve_time=0.25)
+    if data is not None:
+        plan = replace(plan.with_bound(Bound(scenario, 99.0, plan.objective)),
+                       shares=np.full((1, scenario.slots), data.draw(st.sampled_from([1.0, 0.5]))),
+                       promised_until=data.draw(st.one_of(st.none(), st.floats(0, 300))))
+    assert parse_text(sent(messages.plan_text(plan, frame_id)).data, Plan) == (plan, frame_id)
+
+
+@pytest.mark.parametrize('change, reason', [
+    (lambda text: text[:-1], 'line 1 is not JSON'), (lambda text: '5', 'it is not a secure_uav_'),
+    (lambda text: text.replace('"map"', '5'), 'frame_id is 5; it must be a string of at most 255'),
+    (lambda text: text.replace('"map"', f'"{"x" * 256}"'), 'frame_id is'),
+    (lambda text: text.replace(str(START_NS), 'null'), 'start_ns is null; it must be the time'),
+    (lambda text: text.replace('"version": 2', '"version": 3'), 'a newer secure_uav_planner'),
+    (lambda text: text.replace('"peak_power": 4.0', '"peak_power": -4.0'), 'peak_power is -4')])
+def test_a_text_that_is_no_plan_is_refused_with_the_reason(change, reason):
+    text = change(messages.plan_text(plan_of(9), 'map').data)
+    with pytest.raises(PlanFileError) as error:
+        parse_text(text, Plan)
+    assert str(error.value).startswith('the message is not a plan: ')
+    assert reason in str(error.value)
 
 
 def test_setpoints_are_the_moment_of_the_playback():

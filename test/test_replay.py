@@ -2,23 +2,25 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from threading import Event
 import time
 
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from rclpy.clock import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from ros_client import node_here, wait_for, wait_for_line
-from secure_uav_planner import fly_hover_fly, Scenario
+from ros_client import node_here, PATIENCE, wait_for, wait_for_line
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner.plan.file import parse_text
 from secure_uav_planner.plan.player import Player
-from secure_uav_planner.ros import messages
+from secure_uav_planner.ros import messages, plan_reader
 from secure_uav_planner.ros.replay import Replay
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 
 @pytest.fixture(scope='module')
@@ -79,28 +81,10 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     assert 'largest jump between consecutive setpoints 0.000 m' in line
 
 
-def keep(kind, uav, message):
-    """Leave a message as it is, in send."""
-
-
-def send(client, plan, start_ns, change=None, topics=('path', 'power', 'trajectory')):
-    """
-    Send the messages of a plan, with no delay in between.
-
-    :param change: changes each message. The planner's own powers name the messages that belong to
-        them; with a change they name nothing, like those of another planner.
-    """
-    made = []
-    for topic, message in messages.plan_messages(replace(plan, start_ns=start_ns), 'earth'):
-        name, _, kind = topic.partition('/')
-        if kind in topics:
-            if change is not None:
-                change(kind, name, message)
-                if kind == 'power':
-                    del message.layout.dim[1]
-            made.append((client.publisher(type(message), topic, LATCHED), message))
-    for publisher, message in made:
-        publisher.publish(message)
+def send(client, plan, start_ns, frame_id='earth'):
+    """Send a plan that begins at a time in ns."""
+    client.publisher(String, 'plan', LATCHED).publish(
+        messages.plan_text(replace(plan, start_ns=start_ns), frame_id))
 
 
 def test_it_loops_and_starts_by_itself_when_asked(poses, file):
@@ -140,22 +124,14 @@ def test_autostart_begins_neither_a_late_plan_nor_a_replan_of_one_that_is_paused
         assert client.call('replay/pause').success
 
 
-def move_elsewhere(kind, uav, message):
-    """Set another frame of the paths, which the poses leave out."""
-    if kind == 'path':
-        message.header.frame_id = 'elsewhere'
-        for pose in message.poses:
-            pose.header.frame_id = ''
-
-
 def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, plan):
     with node_here('replay', autostart='true') as process:
         start_ns = begins_at(3600.0)
-        send(client, plan, start_ns, keep, ('path', 'power'))
+        send(client, plan, start_ns)
         wait_for(lambda: poses)
         for seconds in (0, 1):
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
-                 move_elsewhere, ('path', 'power'))
+                 'elsewhere')
             wait_for(lambda: sum(
                 "it is in frame 'elsewhere' and the setpoints are in 'earth'" in line
                 for line in process.lines) > seconds)
@@ -164,7 +140,7 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
         assert {pose.header.frame_id for pose in poses} == {'earth'}
         # Without setpoints it is a plan like any other; one that is refused changes nothing.
         assert client.call('replay/reset').success
-        send(client, plan, start_ns + 2 * 10**9, move_elsewhere, ('path', 'power'))
+        send(client, plan, start_ns + 2 * 10**9, 'elsewhere')
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
 
 
@@ -191,25 +167,61 @@ def test_the_time_of_the_plan_is_told_often_and_at_once_after_a_start_and_a_paus
         wait_for(lambda: len(times) > count)
 
 
-@pytest.mark.parametrize('service', ['', 'pause', 'reset'])
-def test_a_start_waits_for_the_rest_of_a_plan_until_that_comes_or_it_is_withdrawn(
-        client, poses, plan, service):
+def test_a_long_plan_is_read_in_another_process_and_a_start_waits_for_it(
+        client, poses, plan, monkeypatch):
+    long = fly_hover_fly(Scenario.paper(104, slots=20000))
     with node_here('replay') as process:
-        def waits():
-            # The rest is waited for for two seconds only, which may pass on a busy machine.
-            send(client, plan, 10**18, topics=('path',))
-            return 'waits for the rest of the plan' in client.call('replay/start').message and (
-                not service or client.call(f'replay/{service}').success)
+        monkeypatch.setattr(plan_reader, 'parse_text', None)  # In the process of the stream.
+        send(client, long, 10**18)
+        # The order of messages and requests is not kept.
+        wait_for(lambda: client.call('replay/start').success)
+        wait_for(lambda: poses)
+        assert got(process) == 1
+        send(client, replace(long, start_ns=None), None)
+        wait_for_line(process, 'start_ns is null; it must be the time of point 0 in ns')
+        # One that waits for another is read after it, without another process.
+        monkeypatch.undo()
+        send(client, replace(long, powers=long.powers * 0.5), 10**18)
+        send(client, replace(plan, powers=plan.powers * 0.5), 2 * 10**18)
+        wait_for(lambda: got(process) == 3)
 
-        wait_for(waits)
-        if not service:
-            wait_for_line(process, 'no new message on')
+
+@pytest.mark.parametrize('service', ['pause', 'reset'])
+def test_a_start_is_withdrawn_while_a_long_plan_is_read(client, poses, plan, monkeypatch, service):
+    reads, waits, may_end, wait = Event(), Event(), Event(), plan_reader.PlanReader.wait
+
+    def read(process, text):
+        reads.set()
+        assert may_end.wait(PATIENCE)
+        return parse_text(text, Plan)
+
+    def note_wait(reader):
+        waits.set()
+        return wait(reader)
+
+    monkeypatch.setattr(plan_reader.ReaderProcess, 'read', read)
+    monkeypatch.setattr(plan_reader.PlanReader, 'wait', note_wait)
+    monkeypatch.setattr(plan_reader, 'MOST_CHARACTERS', 0)
+    with node_here('replay') as process:
         send(client, plan, 10**18)
+        wait_for(reads.is_set)
+        answer = client.ask('replay/start')
+        wait_for(waits.is_set)
+        client.call(f'replay/{service}')
+        may_end.set()
+        wait_for(answer.done)
+        assert '~/pause or ~/reset was called before' in answer.result().message
         wait_for(lambda: got(process))
-        if service:
-            assert client.call('replay/pause').message == 'nothing is playing'
-        else:
-            wait_for(lambda: poses, what='the flight')
+        assert client.call('replay/pause').message == 'nothing is playing' and not poses
+
+
+def test_paths_without_a_plan_are_told_in_one_line(client):
+    with node_here('replay') as process:
+        client.node.create_publisher(Path, 'uav1/path', LATCHED)
+        line = wait_for_line(process, 'uav1/path is published and plan is not')
+        assert 'examples/ros/plan_from_path.py' in line
+        answer = client.call('replay/start')
+        assert not answer.success and 'uav1/path is published' in answer.message
 
 
 def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, monkeypatch):
@@ -245,25 +257,23 @@ def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, m
         assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
 
 
-def test_messages_that_make_no_plan_are_told_once_and_leave_the_last_plan(client, plan):
-    def remove_limit(kind, uav, message):
-        if kind == 'power':
-            message.data[0] = 1e308
-
+def test_a_message_that_is_no_plan_is_told_once_and_leaves_the_last_plan(client, plan):
+    stranger = replace(plan, scenario=replace(plan.scenario, uavs=tuple(
+        replace(uav, name=f'other_{uav.name}') for uav in plan.scenario.uavs)))
     with node_here('replay') as process:
-        send(client, plan, 10**18, remove_limit)
-        wait_for_line(process, 'values beyond')
-        answer = client.call('replay/start')
-        assert not answer.success
-        assert 'there is no plan yet' in answer.message and 'values beyond' in answer.message
-        send(client, plan, 11 * 10**17, keep)
+        publisher = client.publisher(String, 'plan', LATCHED)
+        for text, reason in (('{', 'the message is not a plan: line 1 is not JSON'),
+                             ('[]', 'the message is not a plan: it is not a secure_uav_planner')):
+            publisher.publish(String(data=text))
+            wait_for_line(process, reason)
+            answer = client.call('replay/start')
+            assert not answer.success and 'there is no plan yet' in answer.message
+            assert f'the plan of the topic is not used: {reason}' in answer.message
+        send(client, stranger, 10**18)
+        wait_for_line(process, "it is for ['other_uav1', 'other_uav2'], and uavs is ['uav1', ")
+        send(client, plan, 11 * 10**17)
         wait_for(lambda: got(process) == 1)
-        assert sum('values beyond' in line for line in process.lines) == 1, process.lines
-        send(client, plan, 12 * 10**17, remove_limit)
-        wait_for(lambda: sum('values beyond' in line for line in process.lines) == 2)
+        assert sum('not JSON' in line for line in process.lines) == 1, process.lines
+        publisher.publish(String(data='{'))
+        wait_for(lambda: sum('not JSON' in line for line in process.lines) == 2)
         assert client.call('replay/start').success
-        send(client, plan, 13 * 10**17, keep)
-        wait_for(lambda: got(process) == 2)
-        # Somebody publishes trajectories, so that they are waited for.
-        send(client, plan, 14 * 10**17, keep, ('path', 'power'))
-        wait_for_line(process, 'no new message on uav1/trajectory, uav2/trajectory')

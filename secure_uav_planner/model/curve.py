@@ -8,22 +8,16 @@ start half a slot before point 0 and reaches its goal half a slot after point N+
 limit, it flies straight from point to point.
 """
 
-from collections.abc import Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .channel import guaranteed_node_rates
-from ..mission.fields import find_range
-from ..mission.scenario import Array, Scenario, Uav
+from ..mission.scenario import Array, Scenario
 
 _STANDING = 1e-3  # Share of the largest speed below which a heading is numerical noise.
-_LEAST_SPEED = find_range(Uav, 'max_speed').low
-_LEAST_ACCELERATION = find_range(Uav, 'max_acceleration').low
-_ZERO = 1e-9  # Smaller velocities in m/s, and changes of velocity in a slot, are rounding errors.
-_ROUNDING = 1e-6  # Share by which inferred limits lie above what a flight uses.
 
 GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
 """Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
@@ -190,44 +184,6 @@ def integrate_powers(scenario: Scenario, before: Array, after: Array, step: floa
             hovers = speeds[:, index] < HOVERING_SPEED * uav.max_speed
             energies[index] = joules[hovers].sum(), joules[~hovers].sum()
     return energies
-
-
-def infer_limits(points: Array, step: float, motions: Sequence[Sequence[Array]]
-                 ) -> list[dict[str, Any]]:
-    """
-    Return the smallest limits and the end velocities with which the Curve of points is a motion.
-
-    They are fields of Uav, for each UAV: max_acceleration is None for a team that flies straight
-    from point to point, and a velocity is None where it is that of the move at the end.
-
-    :param points: (U, N+2, 2) in m.
-    :param step: the length of a slot in s.
-    :param motions: velocities in m/s and accelerations in m/s^2 of each UAV at the times of the
-        points, (N+2, 2) each; empty for a team that flies straight from point to point.
-    """
-    if any(np.abs(accelerations * step).max() > _ZERO or np.abs(velocities[-1]).max() > _ZERO
-           for velocities, accelerations in motions):
-        return [_infer_limits_of_spline(np.diff(line, axis=0) / step, step, accelerations)
-                for line, (_, accelerations) in zip(points, motions, strict=True)]
-    fastest = np.linalg.norm(np.diff(points, axis=1) / step, axis=-1).max(axis=-1)
-    return [{'max_speed': max(speed * (1 + 1e-9), _LEAST_SPEED),
-             'max_acceleration': None, 'start_velocity': (0.0, 0.0), 'goal_velocity': (0.0, 0.0)}
-            for speed in fastest.tolist()]
-
-
-def _infer_limits_of_spline(moves: Array, step: float, accelerations: Array) -> dict[str, Any]:
-    """Return the fields of infer_limits of one UAV, by its moves (N+1, 2) in m/s."""
-    changes = np.array([-accelerations[0], accelerations[-1]]) * step
-    ends = moves[[0, -1]] + changes
-    ends[np.abs(ends).max(axis=1) <= _ZERO] = 0.0
-    ends[np.abs(changes).max(axis=1) <= _ZERO] = np.nan
-    velocities = add_end_moves(moves[None], ends[:, None])[0]
-    start, goal = (None if math.isnan(x) else (x, y) for x, y in ends.tolist())
-    fastest = float(np.linalg.norm(velocities, axis=-1).max())
-    most = float(np.linalg.norm(np.diff(velocities, axis=0), axis=-1).max()) / step
-    return {'max_speed': max(fastest * (1 + _ROUNDING), _LEAST_SPEED),
-            'max_acceleration': max(most * (1 + _ROUNDING), _LEAST_ACCELERATION),
-            'start_velocity': start, 'goal_velocity': goal}
 
 
 def _find_headings(moves: Array, max_step: Array) -> Array:

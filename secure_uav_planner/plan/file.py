@@ -1,6 +1,7 @@
 """Plans as JSON files, of this version and of all earlier ones."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 import json
 import os
@@ -15,6 +16,9 @@ from ..mission.scenario import Scenario
 _FORMAT = 'secure_uav_planner/plan'
 _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
 _MOST_BYTES = 2**29
+LONGEST_FRAME = 255
+"""Most characters of the name of a frame of coordinates; each setpoint repeats the name."""
+
 _ROUNDING = 1e-9  # bit/s/Hz
 _PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'bits',
           'too_short')
@@ -23,7 +27,17 @@ _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not
 
 def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
     """Write a Plan to a file; see Plan.save."""
-    document = {
+    with atomic_file(path) as file:
+        json.dump(_make_document(plan, evaluate), file, allow_nan=False)
+
+
+def make_text(plan: Any, frame_id: str) -> str:
+    """Return the content of the file of a Plan, and its frame of coordinates, as JSON."""
+    return json.dumps({'frame_id': frame_id, **_make_document(plan)}, allow_nan=False)
+
+
+def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
+    return {
         'format': _FORMAT,
         'version': _VERSION,
         'scenario': plan.scenario.to_dict(),
@@ -32,29 +46,54 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
         **{name: getattr(plan, name) for name in _PLAIN},
         'history': [asdict(iteration) for iteration in plan.history],
         'bound': None if plan.bound is None else plan.bound.to_dict(),
-        **({'shares': plan.shares.tolist()} if len(plan.shares) > 1 else {}),
+        **({'shares': plan.shares.tolist()} if (plan.shares != 1.0).any() else {}),
         'guaranteed_rate': plan.guaranteed_rate,
         **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
     }
-    with atomic_file(path) as file:
-        json.dump(document, file, allow_nan=False)
 
 
 def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:
     """Read a plan of the class `kind`, which is Plan; see Plan.load."""
     checked_path(path)
     try:
-        with yaml_notation():
-            return _read_document(json.loads(read_text(path, _MOST_BYTES)), kind)
+        text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise PlanFileError(f'{path} cannot be read: {error.strerror or error}') from None
-    except json.JSONDecodeError as error:
-        raise PlanFileError(f'{path} is not a plan: line {error.lineno} is not JSON') from None
     except UnicodeDecodeError:
         raise PlanFileError(f'{path} is not a plan: it is not text in UTF-8') from None
+    with _name_source(f'{path}'):
+        return _read_document(json.loads(text), kind)
+
+
+def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
+    """
+    Return the plan and the frame in a text of make_text.
+
+    :raises PlanFileError: if it contains none, or a plan without a start.
+    """
+    with _name_source('the message'):
+        document = json.loads(text)
+        frame_id = document.pop('frame_id', None) if isinstance(document, dict) else None
+        plan = _read_document(document, kind)
+        if not isinstance(frame_id, str) or len(frame_id) > LONGEST_FRAME:
+            raise PlanFileError(f'frame_id is {quote(frame_id)}; it must be a string of at most '
+                                f'{LONGEST_FRAME} characters')
+        if plan.start_ns is None:
+            raise PlanFileError('start_ns is null; it must be the time of point 0 in ns')
+        return plan, frame_id
+
+
+@contextmanager
+def _name_source(name: str) -> Iterator[None]:
+    """Raise what is wrong with a plan as a PlanFileError that names where the plan stands."""
+    try:
+        with yaml_notation():
+            yield
+    except json.JSONDecodeError as error:
+        raise PlanFileError(f'{name} is not a plan: line {error.lineno} is not JSON') from None
     except (ValueError, RecursionError) as error:
         raise PlanFileError(
-            f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None
+            f'{name} is not a plan: {error}', getattr(error, 'place', ())) from None
 
 
 def _read_document(document: object, kind: type[RatedFlight]) -> Any:

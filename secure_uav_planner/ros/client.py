@@ -27,21 +27,20 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from . import messages
-from .assembly import Assembly
 from .local import free_domain, isolated, node_process
-from .topics import LATCHED, member_topics, STREAM, subscribe, TOPICS
-from ..errors import describe_error, PlanningError, quote
+from .topics import LATCHED, member_topics, STREAM
+from ..errors import brief, describe_error, PlanningError, quote
 from ..mission.scenario import Point, Scenario
+from ..plan.file import parse_text
 from ..plan.plan import Plan
 
 __all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_process',
            'SecurePlanner')
 
-_RECEIVER_FIELDS = ('ground_node', 'ground_nodes', 'eavesdroppers', 'ground_node_track',
-                    'reference_snr_db', 'channel', 'colluding', 'origin')
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s
 _MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.
@@ -65,8 +64,7 @@ class SecurePlanner:
     :param namespace: of the nodes.
     :param on_status: called with each status of the planner, in the client's thread.
     :ivar status: the values of the last status, by key.
-    :ivar last_plan: the last Plan, or None; its receivers are those of the scenario, and its UAVs
-        have the smallest limits that the plan keeps.
+    :ivar last_plan: the last Plan of the planner, or None.
     :ivar plan_time: the last report of the replay on its plan and the time in it, or None.
     """
 
@@ -100,9 +98,7 @@ class SecurePlanner:
         for name in self._receivers:  # Discovery takes time.
             for kind in (Odometry, self._pose_kind(name)):
                 self._publisher(name, kind)
-        self._assembly = Assembly(self.names, lambda topic: True)
-        subscribe(self._node, TOPICS['replay', 'sub'], self._take,
-                  self._node.default_callback_group, self.names, raw=True)
+        self.receive(String, 'plan', self._take_plan, LATCHED)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
         self.receive(TimeReference, 'plan_time', self._take_plan_time)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -324,15 +320,12 @@ class SecurePlanner:
     def _stamp(self) -> Stamp:
         return self.node.get_clock().now().to_msg()
 
-    def _take(self, topic: str, message: bytes) -> None:
-        """Take a message of a plan; others may publish what makes none."""
+    def _take_plan(self, message: String) -> None:
+        """Take a plan; a stranger may publish on its topic what is not a plan."""
         try:
-            received = self._assembly.take(topic, message, {
-                field: getattr(self.scenario, field) for field in _RECEIVER_FIELDS})
-            if received is not None:
-                (self.last_plan, _), self._plan_problem = received, ''
-        except Exception as error:
-            self._plan_problem = f'; the messages make none: {describe_error(error)}'
+            (self.last_plan, _), self._plan_problem = parse_text(message.data, Plan), ''
+        except PlanningError as error:
+            self._plan_problem = f'; {brief(error)}'
 
     def _take_plan_time(self, message: TimeReference) -> None:
         self.plan_time = message

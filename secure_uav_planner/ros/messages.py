@@ -27,7 +27,6 @@ from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimens
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .cdr import digest
 from ..errors import brief, OptionError, ParameterError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, offset_polygon, Vertices
@@ -36,6 +35,7 @@ from ..output.autopilots import ReferenceSource, rotation, Setpoint, Stack, Vect
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, label_position, list_tracks, MARGIN, NO_FLY_ZONE, node_color,
     node_labels, uav_color)
+from ..plan.file import make_text
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
@@ -107,39 +107,28 @@ def path(plan: Plan, uav: int, frame_id: str) -> Path:
 
 
 def power(plan: Plan, uav: int) -> Float64MultiArray:
-    """
-    Return the Float64MultiArray with the power of a UAV in every slot, in W.
-
-    Its second dimension, of size 1, names the messages of the plan: its label is the identity of
-    the plan, the digests of the UAV's path and trajectory and, with several ground nodes, that of
-    the schedule.
-    """
-    slots, start_ns, motion = plan.scenario.slots, plan.start_ns or 0, plan.curve.at(plan.times)
-    path, trajectory = (digest(start_ns, *(line[uav] for line in lines)) for lines in (
-        [plan.positions], [motion.positions, motion.velocities, motion.accelerations]))
-    names = [plan.identity, path, trajectory] + (
-        [digest(0, plan.shares)] if len(plan.shares) > 1 else [])
-    return _multi_array(plan.powers[uav], ('slot', slots, slots), (' '.join(names), 1, 1))
+    """Return the power of a UAV in every slot in W."""
+    return _multi_array(plan.powers[uav], ('slot', plan.scenario.slots))
 
 
 def schedule(plan: Plan) -> Float64MultiArray:
-    """
-    Return the Float64MultiArray with the share of every slot for each ground node.
-
-    The label of its third dimension, of size 1, is the identity of the plan, and the nodes' names.
-    """
+    """Return the share of every slot for each ground node."""
     nodes, slots = plan.shares.shape
-    names = [plan.identity, *plan.scenario.ground_node_names]
-    return _multi_array(plan.shares, ('ground_node', nodes, nodes * slots),
-                        ('slot', slots, slots), (' '.join(names), 1, 1))
+    return _multi_array(plan.shares, ('ground_node', nodes), ('slot', slots))
 
 
-def _multi_array(values: Array, *dimensions: tuple[str, int, int]) -> Float64MultiArray:
-    """Return a message with values, and with labels, sizes and strides of its dimensions."""
+def _multi_array(values: Array, *dimensions: tuple[str, int]) -> Float64MultiArray:
+    """Return a message of values, with the label and the size of each dimension."""
     message = Float64MultiArray(data=array.array('d', values.tobytes()))
-    message.layout.dim = [MultiArrayDimension(label=label, size=size, stride=stride)
-                          for label, size, stride in dimensions]
+    message.layout.dim = [MultiArrayDimension(
+        label=label, size=size, stride=math.prod(values.shape[index:]))
+        for index, (label, size) in enumerate(dimensions)]
     return message
+
+
+def plan_text(plan: Plan, frame_id: str) -> String:
+    """Return a whole plan and its frame, which parse_text of plan/file.py reads."""
+    return String(data=make_text(plan, frame_id))
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
@@ -303,6 +292,7 @@ def plan_messages(plan: Plan, frame_id: str, time: float = 0.0) -> Iterator[tupl
         yield f'{uav.name}/path', path(plan, index, frame_id)
         yield f'{uav.name}/power', power(plan, index)
         yield f'{uav.name}/trajectory', trajectory(plan, index, frame_id)
+    yield 'plan', plan_text(plan, frame_id)
     yield '~/schedule', schedule(plan)
     yield '~/markers', markers(plan, frame_id, time)
 

@@ -193,9 +193,6 @@ PLANNER_MEMBERS = {'uavs': 'uav', 'ground_nodes': 'ground_node', 'eavesdroppers'
 RELAY_MEMBERS = {'uavs': 'relay_uav'}
 """Sections of the table for the members of the nodes, by the parameters that list their names."""
 
-LONGEST_FRAME = PLANNER['frame_id'].length[1]
-"""The most characters of a frame_id; a path carries it once for every point."""
-
 
 def read_member_specs(values: Mapping[str, Any], sections: Mapping[str, str]) -> dict[str, Spec]:
     """

@@ -1,5 +1,6 @@
 """A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
 
+from dataclasses import replace
 import os
 from pathlib import Path
 import re
@@ -46,8 +47,9 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
     """
     if not rate > 0:
         raise OptionError(f'rate is {quote(rate)}; it must be above 0 Hz')
+    plan = replace(plan, start_ns=plan.start_ns or 0)
     with atomic_file(path, binary=True) as file:
-        bag = _Bag(file, plan.start_ns or 0)
+        bag = _Bag(file, plan.start_ns)
         _record_plan(bag, plan, frame_id)
         _record_replay(bag, plan, frame_id, rate)
         bag.finish()

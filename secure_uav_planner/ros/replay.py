@@ -1,6 +1,6 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 import math
 import os
@@ -9,20 +9,20 @@ from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
 from nav_msgs.msg import Odometry
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from . import messages
-from .assembly import Assembly
 from .parameters import REPLAY
+from .plan_reader import PlanReader
 from .process import run_node
-from .settings import channel_from, points_from, Settings
+from .settings import Settings
 from .status import WarningLog
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
-from ..errors import brief, OptionError, ParameterError, PlanningError, quote
-from ..mission.scenario import Eavesdropper, GroundNode, Point
+from ..errors import brief, OptionError, ParameterError, quote
+from ..mission.scenario import Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 from ..plan.player import Player, Point3
@@ -33,59 +33,12 @@ _LONGEST_SIMULATED_TICK = 2.0  # s
 _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
-_LONGEST_GAP = 2.0  # s between the messages of a plan.
+_SILENCE = 5.0  # s without a plan, after which paths of another planner are looked for.
 _FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
-class _Reception:
-    """
-    Receives the plans of the topics, and keeps why the last messages make none.
-
-    :ivar is_awaited: whether ~/start has been called for the plan whose messages arrive.
-    """
-
-    def __init__(self, assembly: Assembly, log: RcutilsLogger) -> None:
-        self._assembly, self._warnings, self.is_awaited = assembly, WarningLog(log), False
-        self._arrived = 0.0  # The last message, by time.monotonic.
-        self._refusal = ''  # Of the last messages.
-
-    @property
-    def problem(self) -> str:
-        """Reason why the last messages make no plan, or an empty string."""
-        return self._assembly.problem or self._refusal
-
-    @property
-    def is_arriving(self) -> bool:
-        """Whether the rest of a plan is likely to come soon."""
-        return bool(self._assembly.missing) and time.monotonic() - self._arrived < _LONGEST_GAP
-
-    def take(self, topic: str, message: bytes, fields: Mapping[str, Any]
-             ) -> tuple[Plan, str] | None:
-        """Keep a message; return the plan that it completes and its frame, if it can be used."""
-        self._arrived = time.monotonic()
-        try:
-            received = self._assembly.take(topic, message, fields)
-        except PlanningError as error:
-            self._refuse(brief(error))
-            return None
-        if received is not None:
-            self._refusal = ''
-            self._warnings.clear('plan')
-        return received
-
-    def check_rest(self) -> None:
-        """Note that the rest of a plan does not come, once it is late."""
-        if self._assembly.missing and not self.is_arriving:
-            self._refuse(self._assembly.problem)
-
-    def _refuse(self, reason: str) -> None:
-        self._refusal = reason
-        self._warnings.warn('plan', f'the plan of the topics is not used: {reason}' + (
-            '; ~/start waits for another one' if self.is_awaited else ''))
-
-
 class Replay(Node):
-    """Replays the plan of the topics, or a saved plan; see docs/replay.md."""
+    """Replays the plan of the topic, or a saved plan; see docs/replay.md."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('replay', **options)
@@ -94,7 +47,7 @@ class Replay(Node):
         self._frame_id = self._settings['frame_id']
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')))
-        self._ticked = time.monotonic()
+        self._closed, self._ticked = False, time.monotonic()
         self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
         self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
         # The callbacks share the player, so they run one at a time.
@@ -104,14 +57,17 @@ class Replay(Node):
         plan = _load_plan(self._settings['plan_file'])
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
-        names = {} if plan is not None else subscribe(
-            self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs,
-            raw=True)
-        self._reception = _Reception(Assembly(
-            self._uavs, lambda topic: self.count_publishers(names[topic]) > 0), self.get_logger())
+        self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Of the last message.
+        self._reader = PlanReader(self._post, self._take, self._refuse)
+        self._stops = 0  # Calls of ~/pause and ~/reset.
         self._make_interface()
         if plan is not None:
             self._adopt(plan, self._frame_id)
+        else:
+            subscribe(self, TOPICS['replay', 'sub'],
+                      lambda _, message: self._reader.read(message.data), self._group, ())
+            self.create_timer(_SILENCE, self._check_publisher, self._group,
+                              Clock(clock_type=ClockType.STEADY_TIME))
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
@@ -122,38 +78,56 @@ class Replay(Node):
             subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
                       self._group, self._uavs)
         self._outputs = publishers(self, topics, self._uavs)
-        serve(self, {'~/start': self._on_start, '~/pause': self._on_pause,
-                     '~/reset': self._on_reset}, self._group)
+        # A start may wait for a plan that is being read, while setpoints go on.
+        serve(self, {'~/start': self._on_start}, ReentrantCallbackGroup())
+        serve(self, {'~/pause': self._on_pause, '~/reset': self._on_reset}, self._group)
         rate = self._settings['rate']
         self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
         self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
                           callback_group=self._group, clock=timer_clock(self))
 
     def close(self) -> bool:
-        """Return True: no thread is left running."""
+        """Stop reading; return True, since no thread is left running."""
+        self._closed = True
+        self._reader.close()
         return True
 
     # Plans
 
-    def _on_plan_message(self, topic: str, message: bytes) -> None:
-        nodes = points_from('ground_node', self._settings['ground_node'])
-        received = self._reception.take(topic, message, {
-            'ground_nodes': tuple(map(GroundNode, nodes)),
-            'channel': channel_from(self._settings),
-            'eavesdroppers': (Eavesdropper(self._eavesdropper or nodes[0]),),
-            'reference_snr_db': self._settings['reference_snr_db']})
-        if received is None:
+    def _post(self, function: Callable[[], None]) -> None:
+        """Have a function run between callbacks; from any thread."""
+        if not self._closed:
+            self.executor.create_task(function)
+
+    def _take(self, plan: Plan, frame_id: str) -> None:
+        """Use the plan of the topic."""
+        names = [uav.name for uav in plan.scenario.uavs]
+        if names != self._uavs:
+            self._refuse(f'it is for {quote(names)}, and uavs is {quote(self._uavs)}')
             return
-        plan, frame_id = received
-        starts, self._reception.is_awaited = self._reception.is_awaited, False
+        self._refusal = ''
+        self._warnings.clear('plan')
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
                                 f'{quote(self._frame_id)}; ~/reset ends them')
-            return
-        self._adopt(plan, frame_id, starts)
+        else:
+            self._adopt(plan, frame_id)
 
-    def _adopt(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
-        """Give a plan to the player, and release it after ~/start or by `autostart`."""
+    def _refuse(self, reason: str) -> None:
+        self._refusal = f'the plan of the topic is not used: {reason}'
+        self._warnings.warn('plan', self._refusal)
+
+    def _check_publisher(self) -> None:
+        """Warn of a planner that publishes a path and no plan."""
+        path = f'{self._uavs[0]}/path'
+        if self._player.playback is None and not self._refusal and (
+                self.count_publishers(path) and not self.count_publishers('plan')):
+            self._refusal = (f'{path} is published and plan is not: use a planner of this '
+                             'version, or publish plan as examples/ros/plan_from_path.py does')
+            self._warnings.warn('plan', self._refusal)
+
+    def _adopt(self, plan: Plan, frame_id: str) -> None:
+        """Give a plan to the player, and release it by `autostart`."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
@@ -164,7 +138,7 @@ class Replay(Node):
                 before is None or before.plan.start_ns != plan.start_ns)
             is_late = not self._settings['plan_file'] and (
                 self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
-            if starts or autostarts and not is_late:
+            if autostarts and not is_late:
                 self._start()
             elif autostarts:
                 self.get_logger().warning(f'plan {plan.identity} is not started: its time has '
@@ -206,32 +180,32 @@ class Replay(Node):
             player.flight.time <= player.playback.begin) else 0.0
         follows = [f'waits for {condition}' for condition in self._unmet] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
-        if ahead < -PUNCTUAL:
-            follows.append(f'playing {-ahead:.1f} s late, which ends what is promised of '
-                           'receivers that move; ~/plan plans again')
+        if ahead < -PUNCTUAL and player.playback.plan.promised_until is not None:
+            follows.append(f'playing {-ahead:.1f} s late, so the rates are no longer '
+                           'guaranteed; call ~/plan')
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
-    def _on_start(self) -> tuple[bool, str]:
-        reception, reason = self._reception, self._reception.problem
-        reception.is_awaited = reception.is_arriving
+    async def _on_start(self) -> tuple[bool, str]:
+        stops = self._stops
+        await self._reader.wait()
+        if self._stops > stops:
+            return False, '~/pause or ~/reset was called before the plan was read'
         try:
-            text = (f'waits for the rest of the plan: {reason}' if reception.is_awaited
-                    else self._start())
+            text = self._start()
         except OptionError as error:
-            return False, f'{error}{reason and ": "}{reason}'
+            return False, f'{error}{self._refusal and ": "}{self._refusal}'
         self._on_tick()  # It reports on plan_time before the answer.
         return True, text
 
     def _on_pause(self) -> tuple[bool, str]:
-        # It withdraws a start that waits for the rest of a plan, too.
-        is_withdrawn, self._reception.is_awaited = self._reception.is_awaited, False
-        is_paused = self._player.pause() or is_withdrawn
+        self._stops += 1
+        is_paused = self._player.pause()
         self._on_tick()
         return is_paused, 'paused' if is_paused else 'nothing is playing'
 
     def _on_reset(self) -> tuple[bool, str]:
+        self._stops += 1
         self._player.reset()
-        self._reception.is_awaited = False
         return True, 'back at the start'
 
     # Time
@@ -242,7 +216,6 @@ class Replay(Node):
         longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
-        self._reception.check_rest()
         player, playback = self._player, self._player.playback
         if not player.streaming:
             self._streamed = 0
@@ -318,7 +291,6 @@ def _load_plan(file: str) -> Plan | None:
 
 
 def _check(values: Mapping[str, Any]) -> None:
-    points_from('ground_node', values['ground_node'])
     place = values['true_eavesdropper']
     if len(place) == 1:
         raise ParameterError(

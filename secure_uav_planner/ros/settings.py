@@ -254,7 +254,6 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
     values = list_values('planner', mission) | list_values('planner', channel) | {
         'uavs': [uav.name for uav in uavs], 'ground_nodes': [*nodes],
         'eavesdroppers': [*eavesdroppers], 'no_fly_zones': [*zones],
-        'ground_node': _flatten(node.position for node in nodes.values()),
         'geofence': _flatten(mission.geofence or ()),
         'channel.los': channel.los if is_named else NO_LOS,
         'channel.los_numbers': [] if is_named else [*(channel.los or ())],

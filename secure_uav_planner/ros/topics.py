@@ -48,11 +48,6 @@ class Topic(NamedTuple):
     meaning: str
 
 
-SCHEDULE = 'planner/schedule'
-"""The topic of the planner's shares for other nodes."""
-
-_REPLAYED = 'what to replay, unless `plan_file` is set'
-
 TOPICS = {
     ('planner', 'sub'): {
         'plan_time': Topic(TimeReference, SENSOR,
@@ -75,6 +70,7 @@ TOPICS = {
         '<uav>/relay': Topic(DiagnosticStatus, SENSOR, 'optional: what becomes of the setpoints '
                              'of the UAV')},
     ('planner', 'pub'): {
+        'plan': Topic(String, LATCHED, 'the whole plan: JSON of a plan file, with `frame_id`'),
         '<uav>/path': Topic(Path, LATCHED, 'every point of the plan with its time'),
         '<uav>/power': Topic(Float64MultiArray, LATCHED, 'the power of every slot in W'),
         '<uav>/trajectory': Topic(
@@ -87,13 +83,7 @@ TOPICS = {
                           'state, rates and ages; also while solving'),
         '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same once a second')},
     ('replay', 'sub'): {
-        '<uav>/path': Topic(Path, LATCHED, _REPLAYED),
-        '<uav>/power': Topic(Float64MultiArray, LATCHED, _REPLAYED),
-        '<uav>/trajectory': Topic(
-            MultiDOFJointTrajectory, LATCHED, 'the curve through the path; without it, the UAV '
-            'flies straight from point to point'),
-        SCHEDULE: Topic(Float64MultiArray, LATCHED, 'with several ground nodes: which one is '
-                        'served when')},
+        'plan': Topic(String, LATCHED, 'what to replay, unless `plan_file` is set')},
     ('replay', 'pub'): {
         '<uav>/setpoint/pose': Topic(PoseStamped, STREAM,
                                      'the pose that the UAV should have now'),
@@ -159,20 +149,18 @@ def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
 
 def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, Any], None],
               group: CallbackGroup, uavs: Sequence[str],
-              receivers: Mapping[str, Sequence[str]] = {}, raw: bool = False) -> dict[str, str]:
+              receivers: Mapping[str, Sequence[str]] = {}) -> None:
     """
     Subscribe to each topic.
 
     :param callback: called with the name of the topic, which has that of its member, and a
         message.
     :param receivers: names of the ground nodes and of the eavesdroppers, by what stands for them.
-    :param raw: whether messages are bytes, as they are sent.
-    :return: the names in the graph of ROS, by those names.
     """
-    return {name: node.create_subscription(
-        topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
-        qos_overriding_options=OVERRIDABLE, raw=raw).topic_name
-        for name, topic in _named(topics, {'<uav>': uavs, **receivers})}
+    for name, topic in _named(topics, {'<uav>': uavs, **receivers}):
+        node.create_subscription(
+            topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
+            qos_overriding_options=OVERRIDABLE)
 
 
 def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Answer]]],

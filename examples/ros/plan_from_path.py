@@ -1,0 +1,56 @@
+"""
+Have the replay fly the plan of another planner, which publishes a path and powers for each UAV.
+
+The parameter mission_file gives what these lack: limits and receivers.
+"""
+
+from dataclasses import replace
+import functools
+
+from nav_msgs.msg import Path
+import rclpy
+from secure_uav_planner import Plan, PlanningError, Scenario
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.topics import LATCHED
+from std_msgs.msg import Float64MultiArray, String
+
+
+def make_plan(mission, paths, powers):
+    """Return the Plan of a nav_msgs/Path and the powers in W of the slots for each UAV."""
+    places = [[(at.pose.position.x, at.pose.position.y) for at in path.poses] for path in paths]
+    first, last = (messages.nanoseconds(paths[0].poses[at].header.stamp) for at in (0, -1))
+    slots = len(powers[0])
+    uavs = [replace(uav, start=line[0], goal=line[-1]) for uav, line in zip(mission.uavs, places)]
+    return Plan(replace(mission, uavs=tuple(uavs), slots=slots,
+                        duration=(last - first) * 1e-9 * slots / (slots + 1)),
+                places, powers, start_ns=first)
+
+
+def main():
+    """Publish the plan of all paths and powers, whenever each has come."""
+    rclpy.init()
+    node = rclpy.create_node('plan_from_path')
+    mission = Scenario.load(node.declare_parameter('mission_file', '').value)
+    arrived = {}
+    publisher = node.create_publisher(String, 'plan', LATCHED)
+
+    def take(key, message):
+        arrived[key] = message
+        if len(arrived) == 2 * len(mission.uavs):
+            paths, powers = ([arrived.pop((uav.name, part)) for uav in mission.uavs]
+                             for part in ('path', 'power'))
+            try:
+                plan = make_plan(mission, paths, [power.data for power in powers])
+                publisher.publish(messages.plan_text(plan, paths[0].header.frame_id))
+            except PlanningError as error:
+                node.get_logger().error(f'no plan: {error}')
+
+    for uav in mission.uavs:
+        for part, kind in (('path', Path), ('power', Float64MultiArray)):
+            node.create_subscription(kind, f'{uav.name}/{part}', functools.partial(
+                take, (uav.name, part)), LATCHED)
+    rclpy.spin(node)
+
+
+if __name__ == '__main__':
+    main()

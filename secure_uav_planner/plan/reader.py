@@ -1,0 +1,70 @@
+"""
+A process that reads the texts of long plans, while this one sends setpoints.
+
+JSON of 20,000 slots would keep every thread of this process waiting for 40 ms.
+"""
+
+import pickle
+import subprocess
+import sys
+
+from .file import parse_text
+from .plan import Plan
+from ..errors import PlanFileError, PlanningError
+
+_SERVE = f'from {__name__} import serve; serve()'
+
+
+def serve() -> None:
+    """Answer each text of the standard input with its plan and frame, or with the error."""
+    answer: object
+    while True:
+        try:
+            text = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            answer = parse_text(text, Plan)
+        except PlanningError as error:
+            answer = error
+        pickle.dump(answer, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+
+
+class ReaderProcess:
+    """A process of `serve`, which begins with the first text; one thread at a time may use it."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def read(self, text: str) -> tuple[Plan, str]:
+        """
+        Return the plan and the frame in a text, as parse_text does.
+
+        :raises PlanFileError: if the text contains no plan, or the process has ended.
+        """
+        if self._process is None:
+            # A signal to the group of this process must not end it with a traceback.
+            self._process = subprocess.Popen(
+                [sys.executable, '-c', _SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                start_new_session=True)
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            pickle.dump(text, process.stdin)
+            process.stdin.flush()
+            answer = pickle.load(process.stdout)
+        except (OSError, EOFError):
+            self.close()
+            raise PlanFileError('the process that reads long plans has ended') from None
+        if isinstance(answer, PlanningError):
+            raise answer
+        plan, frame_id = answer
+        return plan, frame_id
+
+    def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
