@@ -33,7 +33,7 @@ def test_at_the_points_the_rate_is_that_of_the_slots(plan):
     playback = Playback(plan)
     place = (203.0, 4.0)
     rates = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, place)
-    played = [playback.secrecy_rate(playback.at(time), place) for time in plan.times[1:-1]]
+    played = [playback.secrecy_rate(time, place) for time in plan.times[1:-1]]
     assert played == pytest.approx(np.maximum(rates, 0))
 
 

@@ -84,30 +84,24 @@ class Playback:
         """Guaranteed rates in continuous time, (N,) in bit/s/Hz; see Plan.curve_rates."""
         return self.plan.curve_rates
 
-    def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None,
-                     time: float = 0.0) -> float:
+    def secrecy_rate(self, time: float, eavesdropper: ArrayLike | None = None) -> float:
         """
-        Return the secrecy rate [r_0 - r_e]^+ of a moment, of all nodes together, in bit/s/Hz.
+        Return the secrecy rate [r_0 - r_e]^+ at a time, of all nodes together, in bit/s/Hz.
 
+        It counts the shares of the slot, and the ground nodes where they are at that time.
+
+        :param time: from point 0 in s.
         :param eavesdropper: its true position, (2,) in m, or None for no eavesdropper.
-        :param time: of the moment in s from point 0, for a ground node that moves.
         """
-        checked_kind('moment', moment, Moment)
-        return float(self._rates(moment.positions[:, None], moment.powers[:, None],
-                                 eavesdropper, np.array([time]))[0])
+        return float(self.secrecy_rates([check_argument('time', time, TIME)], eavesdropper)[0])
 
     def secrecy_rates(self, times: ArrayLike, eavesdropper: ArrayLike | None = None) -> Array:
         """Return the secrecy rates at times (K,) in s, (K,) in bit/s/Hz; see secrecy_rate."""
         times = checked_array('times', times, (None,))
-        return self._rates(self.curve.at(times).positions, self._powers_at(times), eavesdropper,
-                           times)
-
-    def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None,
-               times: Array) -> Array:
-        points = np.pad(positions, ((0, 0), (1, 1), (0, 0)))
-        scenario, shares = self.plan.scenario, self.shares_at(times)
+        points = np.pad(self.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
+        scenario, powers = self.plan.scenario, self._powers_at(times)
         rates = (channel.find_node_rates(scenario, points, powers, np.zeros(len(times)), times)
                  if eavesdropper is None else channel.secrecy_node_rates(
                      scenario, points, powers, eavesdropper, times=times))
-        together: Array = (shares * np.maximum(0.0, rates)).sum(axis=0)
+        together: Array = (self.shares_at(times) * np.maximum(0.0, rates)).sum(axis=0)
         return together

@@ -87,7 +87,7 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:
             bag.write(_resolved(topic, 'replay'), message, time)
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
         bag.write('/replay/secrecy_rate', Float64(
-            data=float(playback.secrecy_rate(moment, worst[slot], time))), time)
+            data=playback.secrecy_rate(time, worst[slot])), time)
 
 
 def _resolved(topic: str, node: str) -> str:

@@ -266,8 +266,10 @@ class Replay(Node):
             if topic in self._outputs:  # Without odometry where vehicles publish it.
                 self._outputs[topic].publish(message)
         if self._eavesdropper is not None:
-            self._outputs['~/secrecy_rate'].publish(Float64(data=float(
-                self._player.playback.secrecy_rate(moment, self._eavesdropper))))
+            flight = self._player.flight
+            self._outputs['~/secrecy_rate'].publish(Float64(
+                data=flight.playback.secrecy_rate(flight.time, self._eavesdropper)
+                if moment.powers.any() else 0.0))
 
     def _announce_end(self) -> None:
         delivered, jump = self._player.delivered, self._player.largest_jump
