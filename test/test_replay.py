@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from queue import Queue
 from threading import Event
 import time
 
@@ -179,11 +180,28 @@ def test_a_long_plan_is_read_in_another_process_and_a_start_waits_for_it(
         assert got(process) == 1
         send(client, replace(long, start_ns=None), None)
         wait_for_line(process, 'start_ns is null; it must be the time of point 0 in ns')
-        # One that waits for another is read after it, without another process.
-        monkeypatch.undo()
-        send(client, replace(long, powers=long.powers * 0.5), 10**18)
-        send(client, replace(plan, powers=plan.powers * 0.5), 2 * 10**18)
-        wait_for(lambda: got(process) == 3)
+
+
+def test_texts_are_read_in_their_order_and_of_those_that_wait_only_the_newest(plan):
+    posted, taken, refused = Queue(), [], []
+    texts = [messages.plan_text(replace(plan, start_ns=10**18 + at), 'map').data
+             for at in range(4)]
+    reader = plan_reader.PlanReader(
+        posted.put, lambda plan, frame: taken.append((plan.start_ns - 10**18, frame)),
+        refused.append)
+    reader.read(texts[0])
+    assert taken == [(0, 'map')]
+    reader.read(texts[1] + ' ' * plan_reader.MOST_CHARACTERS)
+    reader.read('no plan')
+    reader.read(texts[2])
+    reader.read(texts[3])
+    assert taken == [(0, 'map')]
+    posted.get(timeout=PATIENCE)()
+    assert taken == [(0, 'map'), (1, 'map'), (3, 'map')]
+    reader.read('[' * plan_reader.MOST_CHARACTERS + '[')
+    posted.get(timeout=PATIENCE)()
+    assert len(refused) == 1 and 'the message is not a plan' in refused[0]
+    reader.close()
 
 
 @pytest.mark.parametrize('service', ['pause', 'reset'])
@@ -232,7 +250,7 @@ def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, m
 
         def __init__(self, node):
             self._clock = Node.get_clock(node)
-            self.ros_time_is_active = False
+            self.handle, self.ros_time_is_active = self._clock.handle, False
 
         def now(self):
             return self._clock.now() - Duration(seconds=behind[0])
