@@ -238,6 +238,32 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
         assert tracking.distances(settings, now)['uav1'] < 1e-3
 
 
+@pytest.mark.parametrize('silence', [3.0, 5.0, 9.0])
+def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_plans, silence):
+    """Before, 5 s of silence made a UAV on its plan seem 30 m off it, also after a replan."""
+    first, second = two_plans
+    settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 10.0,
+                'track_tolerance': 5.0}
+    tracking, book = tracking_of(first), PoseBook()
+    tracking._poses = book
+
+    def fly(plan, begin, end):
+        report(tracking, plan, *((1000.0 + time, time) for time in np.arange(begin, end, 0.05)))
+
+    fly(first, 0.0, 20.0)
+    place = Playback(first).at(20.0).positions[0]
+    book.take('uav1/odom', odometry(*place, stamp=1020.0), DEFAULTS, 1020.0)
+    fly(first, 20.0, 20.0 + silence - 1.0)
+    tracking.add_plan(replace(first, powers=first.powers * 0.9), 1019.0 + silence)
+    fly(next(reversed(tracking._plans.values())).playback.plan, 19.0 + silence, 20.0 + silence)
+    now = 1020.0 + silence
+    assert tracking.distances(settings, now)['uav1'] < 1e-6
+    # Another flight has no time then, so nothing is told.
+    tracking.add_plan(replace(second, start_ns=second.start_ns - 10**9), now)
+    fly(next(reversed(tracking._plans.values())).playback.plan, 20.0 + silence, 21.0 + silence)
+    assert tracking.distances(settings, now + 1.0) == {}
+
+
 def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plans):
     plan, _ = two_plans
     tracking = tracking_of(plan)

@@ -1,6 +1,7 @@
 """When a replan is due, where it begins, and what is promised meanwhile, without a node."""
 
 from dataclasses import replace
+import math
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -10,12 +11,16 @@ from ros_client import DEFAULTS, odometry_message, pose_message, set_variance, s
 from secure_uav_planner import Eavesdropper, Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
+from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.tracking import GAIN
+from secure_uav_planner.ros.guard import Guard, Limits
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
+from strategies import with_uavs
 
 START = 1000  # of the plan, in s
 
@@ -52,6 +57,7 @@ class Bench:
     def replan(self, last, now, **settings):
         settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
         self.fly(now)
+        self.tracking.observe(settings, now)
         reason = self.replanning.find_reason(last, settings, now)
         if not reason:
             return
@@ -260,3 +266,65 @@ def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(ben
     assert len(bench.published) == 1
     bench.check(30.0, (230.0, -55.0), **{**settings, 'velocity': (3.0, 0.0)})
     assert len(bench.published) == 2 and not bench.refused
+
+
+class Vehicle:
+    """A UAV that an autopilot flies by the setpoints that a guard passes, in steps of 0.1 s."""
+
+    step, limits = 0.1, Limits(10.0, 3.0, 1.0, 5.0, 1.0)
+
+    def __init__(self, place):
+        self.place, self.velocity = np.array(place), np.zeros(2)
+        self._guard, self._target = Guard(), (self.place, self.velocity)
+
+    def fly(self, now, place, velocity, is_enabled):
+        """Go on with the setpoint of a time in s."""
+        now_ns = round(now * 1e9)
+        self._guard.note_position((*self.place, 100.0), now_ns)
+        if not is_enabled:
+            self._guard.forget_stream()
+            self._target = self.place.copy(), np.zeros(2)
+        else:
+            try:
+                self._guard.take(Setpoint(
+                    'map', now_ns, (*place, 100.0), 0.0, (*velocity, 0.0)), now_ns, self.limits)
+                self._target = place, velocity
+            except OptionError:
+                held = self._guard.hold(now_ns)
+                if held is not None:
+                    self._target = np.array(held.position[:2]), np.zeros(2)
+        offset = self._target[0] - self.place
+        distance = math.hypot(*offset)
+        closing = min(GAIN * distance, math.sqrt(6.0 * distance)) / max(distance, 1e-9)
+        change = self._target[1] + closing * offset - self.velocity
+        self.velocity = self.velocity + change * min(
+            1.0, 3.0 * self.step / max(math.hypot(*change), 1e-9))
+        self.place = self.place + self.step * self.velocity
+
+
+@pytest.mark.parametrize('begin', [15.0, 35.0])
+def test_vehicles_that_were_handed_over_for_3_s_are_met_where_they_are_and_come_back(begin):
+    """Before, the plan waited for them 72 m away for the rest of the flight, 93 s."""
+    scenario = with_uavs(Scenario.paper(200.0, slots=100), max_acceleration=3.0)
+    bench = Bench(replace(solve(scenario), start_ns=START * 10**9))
+    bench.late, names = None, ('uav1', 'uav2')
+    vehicles = [Vehicle(uav.start) for uav in scenario.uavs]
+    said, late = set(), 0
+    for clock in np.arange(0.0, begin + 35.0, Vehicle.step):
+        moment, now = Playback(bench.plan).at(clock), START + clock
+        for name, vehicle, place, velocity in zip(
+                names, vehicles, moment.positions, moment.velocities):
+            vehicle.fly(now, place, velocity, not begin <= clock < begin + 3.0)
+            bench.add_pose(f'{name}/odom', odometry_message(
+                *vehicle.place, vehicle.velocity, stamp=stamp_at(now)), now)
+        bench.report(clock, clock)
+        bench.check(clock, replan_deviation=8.0, replan_lead=2.0)
+        distances = [math.dist(vehicle.place, place)
+                     for vehicle, place in zip(vehicles, moment.positions)]
+        late += max(distances) > 5.0
+        said |= {text.partition(' m ')[0].rpartition(' ')[0]
+                 for text in bench.tracking.status(DEFAULTS, now)[0]}
+    assert max(distances) < 1.1 and not bench.refused
+    assert 1 <= len(bench.published) <= 12
+    assert 'uav1 is held' in said
+    assert late * Vehicle.step < 25.0

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.plan.tracking import (
-    AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state,
-    start_from_state)
+    AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state, predict_stop,
+    start_from_state, Watch)
 from strategies import with_uavs
 
 LEAD, TOLERANCE = 2.0, 1.0
@@ -84,6 +84,42 @@ def test_a_prediction_returns_to_a_plan_that_leaves_time_for_it(plan, time, offs
     on_plan, _ = predict_return(playback, 1, state_at(playback, time, (0, 0), uav=1), times)
     planned = playback.curve.at(times).positions[1]
     assert np.linalg.norm(on_plan - planned, axis=1).max() < 0.5 / GAIN
+
+
+@settings(max_examples=25)
+@given(time=TIMES, offset=OFFSETS, gust=GUSTS, seed=st.integers(0, 2**32 - 1))
+def test_a_uav_that_stands_is_told_from_one_that_returns_to_its_plan(
+        plan, time, offset, gust, seed):
+    """Both are measured with noise, at 10 Hz for 7 s; not where both would move alike."""
+    playback, limit, rng = Playback(plan), get_limits(plan)[1], np.random.default_rng(seed)
+    measured = state_at(playback, time, offset, gust)
+    times = time + np.arange(0.0, 7.0, 0.1)
+    ways = [predict_return(playback, 0, measured, times), predict_stop(measured, times, limit)]
+    assume(np.linalg.norm(ways[0][0][-20] - ways[1][0][-20]) > 10.0)
+    for (positions, velocities), is_held in zip(ways, (False, True)):
+        watch = Watch()
+        for state in zip(times, positions + rng.normal(0.0, 0.2, positions.shape),
+                         velocities + rng.normal(0.0, 0.1, velocities.shape)):
+            measured = MeasuredState(state[0], *map(tuple, state[1:]))
+            watch.add(measured)
+            is_off = np.hypot(*deviation(playback, 0, measured)) > 5.0
+            assert is_held or not (is_off and watch.is_held(playback, 0))
+    assert watch.is_held(playback, 0)
+
+
+@settings(max_examples=25)
+@given(time=TIMES, offset=OFFSETS, gust=GUSTS)
+def test_a_uav_that_is_held_brakes_within_its_limit_and_stands(plan, time, offset, gust):
+    limit, measured = get_limits(plan)[1], state_at(Playback(plan), time, offset, gust)
+    times = time + np.linspace(-1.0, 20.0, 421)
+    positions, velocities = predict_stop(measured, times, limit)
+    assert positions[:20] == pytest.approx(np.tile(measured.position, (20, 1)))
+    assert not velocities[-1].any() and (positions[-1] == positions[-2]).all()
+    if limit is not None:
+        changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / 0.05
+        assert changes.max() <= limit + 1e-6
+        moves = np.diff(positions, axis=0) - 0.05 * (velocities[:-1] + velocities[1:]) / 2
+        assert np.abs(moves[20:]).max() < 0.05**2 * limit
 
 
 def test_the_deviation_is_from_the_start_before_the_flight_and_from_the_goal_after_it(plan):

@@ -23,7 +23,7 @@ from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.splice import continue_plan, cut_tail, move_receivers
-from ..plan.tracking import deviation, MeasuredState, predict_return
+from ..plan.tracking import deviation, MeasuredState, predict_return, predict_stop
 
 _GROWTH = 1.25  # Ratio of successive distances, in slots, between points that are tried.
 
@@ -163,7 +163,8 @@ class _RecoveryPath:
         self._points = _list_candidates(first, playback.plan.scenario.slots)
         self._smooth = begin.max_acceleration is not None
         times = (np.array(self._points) - (0.5 if self._smooth else 0.0)) * self._step
-        self._states = predict_return(playback, uav, state, times)
+        self._states = (predict_stop(state, times, begin.max_acceleration) if state.is_held
+                        else predict_return(playback, uav, state, times))
         self._planned = playback.curve.at(times).positions[uav]
         self.distance = math.hypot(*deviation(playback, uav, state))
 

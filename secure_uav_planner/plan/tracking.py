@@ -3,7 +3,8 @@ Tracking of UAVs against their plan: its time, deviation, prediction of the retu
 
 The prediction is the law of common autopilots: a UAV flies towards the place of its plan with the
 plan's velocity plus GAIN times its distance, within its own limits of speed and acceleration. With
-an acceleration limit it closes in no faster than it can brake.
+an acceleration limit it closes in no faster than it can brake. A UAV that is held by its relay, a
+pilot or its autopilot brakes and stands instead.
 """
 
 from collections import deque
@@ -29,10 +30,12 @@ PUNCTUAL = 0.1
 SILENCE = 1.0
 """Time in s without a report of the follower after which the time of the plan stands still."""
 
-_MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
+_MEMORY = 10.0  # s for which reports are kept, for odometry that comes later.
 _STEADY = 0.03  # Largest change of a constant rate in half a second.
 _STEP = 0.05  # Of the prediction, in s.
 _MOST_STEPS = 20000
+_WATCHED_S, _LEAST_WATCHED_S = 2.0, 0.5  # How much motion tells whether a UAV is held.
+_DISTINCT_M = 1.0  # A UAV that is held is nearer to standing than to returning by this distance.
 _LONGEST_GAP = 2.0  # Between two samples of AchievedRates, in s; a longer one is left out.
 
 
@@ -41,11 +44,14 @@ class FollowerReports:
     The reports of one follower about one plan, as pairs of times.
 
     :param rate: of the plan's time until the second report.
+    :param earlier: its reports about another plan of the same flight, which has the same time.
     """
 
-    def __init__(self, follower: str, identity: str, rate: float) -> None:
+    def __init__(self, follower: str, identity: str, rate: float,
+                 earlier: 'FollowerReports | None' = None) -> None:
         self.follower, self.identity, self._first_rate = follower, identity, rate
-        self._pairs: deque[tuple[int, int]] = deque()  # Clock and plan in ns.
+        # Clock and plan in ns.
+        self._pairs = deque[tuple[int, int]](earlier._pairs if earlier else ())
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
         """Add the time of the plan at a time of the clock, both in ns."""
@@ -95,8 +101,17 @@ class FollowerReports:
         before, after = map(np.median, halves)
         return bool(after > 0 and abs(after - before) < _STEADY)
 
+    @property
+    def first_ns(self) -> int:
+        """Time in ns of the first report that is kept; before it, the plan's time is not known."""
+        return self._pairs[0][0]
+
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
-        """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
+        """
+        Return the time of the plan in s from its point 0, and its rate, at a time in ns.
+
+        Before the first report, its time holds.
+        """
         (last, plan), rate = self._pairs[-1], self._first_rate
         if self.has_rate:
             before = self._pairs[-2]
@@ -129,11 +144,47 @@ class MeasuredState(NamedTuple):
     time: float
     position: Point  # (x, y) in m
     velocity: Point | None = None  # (x, y) in m/s
+    is_held: bool = False  # Whether it is expected to stand instead of flying to its plan.
 
 
 def deviation(playback: Playback, uav: int, state: MeasuredState) -> Array:
     """Return the offset of a UAV from its plan at the time of a measurement, (2,) in m."""
     return np.array(state.position) - playback.curve.at([state.time]).positions[uav, 0]
+
+
+class Watch:
+    """The states of a UAV in the last seconds, which tell whether it flies towards its plan."""
+
+    def __init__(self) -> None:
+        self._states = deque[MeasuredState]()
+
+    def add(self, state: MeasuredState) -> None:
+        """Add a state; a repeated state is no news."""
+        if self._states and state.time < self._states[-1].time - _WATCHED_S:
+            self._states.clear()  # The time of the plan went back: another flight has begun.
+        if not self._states or state.time > self._states[-1].time:
+            self._states.append(state)
+        while self._states[-1].time - self._states[0].time > _WATCHED_S:
+            self._states.popleft()
+
+    def is_held(self, playback: Playback, uav: int) -> bool:
+        """
+        Return True for a UAV that moves like a vehicle at rest, or braking to rest.
+
+        A vehicle that returns to its plan is the alternative. Two measurements must agree: the way
+        since the first state, and the present velocity where it is known.
+        """
+        if not self._states or (
+                self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):
+            return False
+        first, last = self._states[0], self._states[-1]
+        limit = playback.plan.scenario.uavs[uav].max_acceleration
+        (returning,), _ = predict_return(playback, uav, first, [last.time])
+        (standing,), _ = predict_stop(first, [last.time], limit)
+        if math.dist(last.position, returning) < math.dist(last.position, standing) + _DISTINCT_M:
+            return False
+        return last.velocity is None or math.hypot(*last.velocity) < math.dist(
+            last.velocity, _command(playback, uav, last))
 
 
 def predict_return(playback: Playback, uav: int, state: MeasuredState, times: ArrayLike
@@ -172,6 +223,21 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     return states[:, :2], states[:, 2:]
 
 
+def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float | None
+                 ) -> tuple[Array, Array]:
+    """
+    Predict the flight of a UAV that brakes to rest and stands.
+
+    :param times: (K,) in s from point 0; before the measurement its values hold.
+    :return: positions (K, 2) in m, velocities (K, 2) in m/s.
+    """
+    velocity = np.array(state.velocity or (0.0, 0.0))
+    braking = math.hypot(*velocity) / (max_acceleration or math.inf)  # s
+    ahead = np.clip(np.asarray(times, float) - state.time, 0.0, braking)[:, None]
+    left = 1.0 - ahead / braking if braking else 0.0 * ahead  # Share of the velocity.
+    return state.position + ahead * (1.0 + left) / 2 * velocity, left * velocity
+
+
 def predict_state(state: MeasuredState, time: float, max_acceleration: float | None,
                   playback: Playback | None = None, uav: int = 0, tolerance: float = 0.0
                   ) -> tuple[Point, Point | None]:
@@ -207,6 +273,13 @@ def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_dur
     u, v = clip_norm(*velocity, uav.max_speed)
     return replace(uav, start_velocity=(u, v), start=(
         position[0] + u * slot_duration / 2, position[1] + v * slot_duration / 2))
+
+
+def _command(playback: Playback, uav: int, state: MeasuredState) -> tuple[float, float]:
+    """Return the velocity in m/s with which an autopilot returns to its plan."""
+    member, (dx, dy) = playback.plan.scenario.uavs[uav], -deviation(playback, uav, state)
+    velocity = _point(playback.curve.at([state.time]).velocities[uav, 0])
+    return _command_velocity(dx, dy, velocity, member.max_speed, member.max_acceleration, _STEP)
 
 
 def _command_velocity(dx: float, dy: float, velocity: tuple[float, float], max_speed: float,

@@ -4,6 +4,7 @@ The plan in flight: its progress in plan time, where the UAVs are then, and what
 Only the reports of a follower on `plan_time` say that a plan is flown.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping
 import math
 from typing import Any
@@ -20,7 +21,7 @@ from ..plan.flight import Flight
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import (
-    AchievedRates, deviation, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE)
+    AchievedRates, deviation, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE, Watch)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s
@@ -62,6 +63,7 @@ class PlanTracking:
         self._plans: dict[str, _TrackedPlan] = {}  # By identity.
         self._published_ns = 0  # The newest plan.
         self._track = AchievedRates()
+        self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
         poses.on_set_back = self.forget_reports
 
@@ -114,8 +116,15 @@ class PlanTracking:
         if last is None or (last.follower, last.identity) != (follower, identity):
             # A follower that passes from one plan to the next does not stop.
             rate = 0.0 if last is None else last.at(clock, 0)[1]
-            self._reports = FollowerReports(follower, identity, rate)
+            is_same_flight = last is not None and last.follower == follower and (
+                self._start_ns(last.identity) == self._start_ns(identity))
+            self._reports = FollowerReports(
+                follower, identity, rate, last if is_same_flight else None)
         self._reports.add(clock, plan)
+
+    def _start_ns(self, identity: str) -> int | None:
+        tracked = self._plans.get(identity)
+        return None if tracked is None else tracked.playback.plan.start_ns
 
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
         tracked = self._plans.get(identity)
@@ -210,22 +219,39 @@ class PlanTracking:
     def states(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                ) -> list[MeasuredState | None]:
         """Return the state of each UAV to plan from; None where it is not known or not used."""
-        return [self._state(name, flight, settings, now) if settings[f'{name}.use_pose']
-                else None for name in settings['uavs']]
+        states = [self._state(name, flight, settings, now) if settings[f'{name}.use_pose']
+                  else None for name in settings['uavs']]
+        return [state if state is None or flight is None else state._replace(
+            is_held=self._is_held(name, index, flight))
+            for index, (name, state) in enumerate(zip(settings['uavs'], states, strict=True))]
 
     def _state(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
                ) -> MeasuredState | None:
-        """Return the last usable state of a UAV in the time of a flight, or else of the clock."""
+        """
+        Return the last usable state of a UAV in the time of a flight; without one, of the clock.
+
+        A pose from before the first report of a flight under way gives no state.
+        """
         pose = self._poses.usable_pose(name, settings, now)
         if pose is None:
             return None
-        time = pose.time if flight is None else self._reports.at(
-            round(pose.time * 1e9), flight.playback.plan.start_ns)[0]
-        if flight is None or pose.velocity is None:
-            return MeasuredState(time, pose.position, pose.velocity)
-        u, v = pose.velocity
-        return MeasuredState(time, pose.position, (
-            u / flight.rate, v / flight.rate) if flight.rate else None)
+        if flight is None:
+            return MeasuredState(pose.time, pose.position, pose.velocity)
+        pose_ns = round(pose.time * 1e9)
+        time, _ = self._reports.at(pose_ns, flight.playback.plan.start_ns)
+        if pose_ns < self._reports.first_ns and time > flight.playback.begin:
+            return None
+        velocity = None
+        if pose.velocity is not None and flight.rate:
+            u, v = pose.velocity
+            velocity = (u / flight.rate, v / flight.rate)
+        return MeasuredState(time, pose.position, velocity)
+
+    def _is_held(self, name: str, index: int, flight: Flight) -> bool:
+        """Return True if a UAV is kept from its plan, by its relay or by how it moves."""
+        relay = self.relays.state(name)
+        return relay is not None and relay.holds_back or self._watches[name].is_held(
+            flight.playback, index)
 
     def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                  ) -> dict[str, Array]:
@@ -244,8 +270,12 @@ class PlanTracking:
                 for name, offset in self._offsets(self.flight(now), settings, now).items()}
 
     def observe(self, settings: Mapping[str, Any], now: float) -> None:
-        """Add the present positions of the UAVs to the achieved rate."""
+        """Add the present positions of the UAVs to the achieved rate, and watch their motion."""
         flight = self.flight(now)
+        for name in settings['uavs']:
+            state = None if flight is None else self._state(name, flight, settings, now)
+            if state is not None:
+                self._watches[name].add(state)
         offsets = self._offsets(flight, settings, now)
         if flight is None or len(offsets) < len(settings['uavs']):
             return
@@ -269,9 +299,13 @@ class PlanTracking:
             problems.append(
                 f'the follower {quote(self._reports.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
-        problems += [f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
-                     f'{most:g} m' for name, distance in distances.items()
-                     if flight.state != 'waiting' and distance > most]
+        problems += [
+            f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond {most:g} m'
+            if flight.is_under_way and self._is_held(name, settings['uavs'].index(name), flight)
+            else f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
+                 f'{most:g} m'
+            for name, distance in distances.items()
+            if flight.state != 'waiting' and distance > most]
         newest = next(reversed(self._plans.values())).playback
         rates = self._track.rates or ('none', 'none')
         late = now - newest.plan.start_ns * 1e-9 - newest.begin

@@ -45,6 +45,11 @@ class RelayState(NamedTuple):
         return self.name == 'passing'
 
     @property
+    def holds_back(self) -> bool:
+        """Whether setpoints come that the vehicle does not get."""
+        return self.name in ('holding', 'refused', 'disabled')
+
+    @property
     def text(self) -> str:
         """State in words, which follow the name of the relay."""
         return _TEXTS[self.name].format(for_=self.duration, reason=self.reason)
@@ -105,6 +110,6 @@ class RelayReports:
         """
         state = self.state(uav)
         if state is None or state.is_passing or not (
-                is_under_way or state.name in ('holding', 'refused')):
+                is_under_way or state.holds_back and state.name != 'disabled'):
             return ''
         return f'the relay of {uav}, {state.relay}, {state.text}'
