@@ -63,9 +63,10 @@ fly: $(VENV)/.flown
 study: $(VENV)/.paper
 	$(BIN)/python -m studies.paper
 
-# Writes the measured tables into the pages.
+# Writes the measured tables into the pages, and draws their pictures.
 numbers: study fly bench
 	$(BIN)/python -m docs.tools.measured
+	$(BIN)/python -m docs.tools.gallery
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W -b html docs out/docs

@@ -5,13 +5,8 @@ rosdoc2 runs this file in a copy of the folder, so the package tells where the s
 """
 
 from importlib import import_module
-import os
 from pathlib import Path
-import re
-import shutil
-import subprocess
 import sys
-import tempfile
 
 from docutils import nodes
 from docutils.nodes import SkipNode
@@ -54,18 +49,6 @@ def insert_parts(_app, _page, source):
         source[0] = source[0].replace(mark, text)
 
 
-def draw_gallery(app):
-    """Run the programs of the gallery's pages, and put the pictures beside them."""
-    for page in sorted((Path(app.srcdir) / 'gallery').glob('*.md')):
-        blocks = re.findall('^```python\n(.*?)^```', page.read_text(), re.DOTALL | re.MULTILINE)
-        with tempfile.TemporaryDirectory() as folder:
-            subprocess.run([sys.executable, '-c', '\n'.join(blocks)], cwd=folder, check=True,
-                           stdout=subprocess.DEVNULL,
-                           env={**os.environ, 'PYTHONPATH': sys.path[0]})
-            for picture in Path(folder).glob('*.png'):
-                shutil.copy(picture, page.parent)
-
-
 def label_cells(_app, doctree, _page):
     """
     Put its column's heading into each cell of tables that may be wider than a screen.
@@ -105,7 +88,6 @@ def write_block(translator, node):
 
 def setup(app):
     """Connect with Sphinx."""
-    app.connect('builder-inited', draw_gallery)
     app.connect('source-read', insert_parts)
     app.connect('doctree-resolved', label_cells)
     app.add_html_math_renderer('mathml', (write_inline, None), (write_block, None))

@@ -4,7 +4,7 @@ from pathlib import Path
 import re
 
 from benchmarks import __main__ as bench
-from docs.tools import measured
+from docs.tools import gallery, measured
 import pytest
 import secure_uav_planner
 from studies import paper as study
@@ -34,7 +34,7 @@ def assert_current(name, computed, pattern=RATE, tolerance=1e-3):
 
 @pytest.mark.parametrize('name, measure', [
     ('rates', lambda folder: measured.measure_rates(folder, proof=0.5)),
-    ('objectives', measured.measure_objectives), ('methods', measured.measure_methods)])
+    ('city', measured.measure_city), ('objectives', measured.measure_objectives), ('methods', measured.measure_methods)])
 def test_a_table_of_rates_is_that_of_today(name, measure, tmp_path):
     table = measure(tmp_path)
     assert_current(name, table)
@@ -49,6 +49,16 @@ def test_a_picture_is_of_the_run_of_its_table_and_loads_fast(picture):
                       if line.startswith('|'))
     assert content.startswith(b'\x89PNG') and table.encode() in content
     assert len(content) < 150_000
+
+
+@pytest.mark.parametrize('page', gallery.PAGES, ids=lambda page: page.stem)
+def test_the_pictures_of_a_page_of_the_gallery_are_of_its_programs_and_of_what_they_print(page):
+    assert gallery.list_pictures(page)
+    for name in gallery.list_pictures(page):
+        content = page.with_name(name).read_bytes()
+        assert content.startswith(b'\x89PNG') and gallery.describe_page(page).encode() in content, (
+            f'draw it anew: python -m docs.tools.gallery {page.stem}')
+        assert len(content) < 150_000
 
 
 @pytest.mark.soak

@@ -5,8 +5,8 @@ import numpy as np
 import pandas
 from secure_uav_planner.apps.campaign_file import BASELINES
 from secure_uav_planner.assessment import assess
-from secure_uav_planner.output.drawing import map_extent, style_axes, uav_color
-from secure_uav_planner.output.drawing import scheme_name
+from secure_uav_planner.output.drawing import (
+    map_extent, scheme_dash, scheme_name, style_axes, uav_color)
 from secure_uav_planner.output.map import draw_map
 from secure_uav_planner.plan.plan import Plan
 
@@ -15,10 +15,8 @@ from .experiments import PROPOSED
 _MAP_WIDTH = 2.2  # In inches.
 _SIZE = (9.0, 5.6)
 _DOTS_PER_INCH = 110
-_CONSTANT, _OPTIMISED = BASELINES
-_STYLES = {_CONSTANT: ('#777777', 's'), _OPTIMISED: ('#E69F00', '^'),
-           PROPOSED: (uav_color(0), 'o'), 'radius 0': ('#56B4E9', 'D'),
-           'worst case': ('#009E73', 'v')}
+_GREY, _BLUE, _GREEN, _SKY = '0.4', uav_color(0), '#009E73', '#3A9BD0'
+_NAME_SIZE = 8.0  # Of the names at the ends of curves, in points.
 _CURVES = {
     'duration': ('figure_3', 'mission duration T (s)'),
     'radius': ('rate_against_radius', "radius of the eavesdropper's disc (m)"),
@@ -63,7 +61,7 @@ def write_figures(plans, folder, claims):
         chosen = rates[rates.experiment == experiment]
         table = chosen.assign(scheme=chosen.scheme.map(scheme_name)).sort_values(
             ['kind', 'scheme', 'x']).rename(columns={'x': experiment})
-        write(name, _draw_curves(chosen, label), table.drop(columns=['experiment', 'kind']))
+        write(name, draw_curves(chosen, label), table.drop(columns=['experiment', 'kind']))
     table = assess_environments(plans)
     write('environments', _draw_environments(table), table)
     return written
@@ -118,37 +116,93 @@ def _draw_trajectories(plans):
     return figure
 
 
-def _draw_curves(rates, label):
-    """Return the Figure of an experiment's rates, with the best scheme on top."""
-    figure = Figure(figsize=_SIZE, layout='constrained')
-    axes = figure.subplots()
-    curves = sorted(rates.groupby(['kind', 'scheme'], sort=False),
-                    key=lambda curve: -curve[1].guaranteed_rate.iloc[-1])
-    for (kind, scheme), curve in curves:
-        color, marker = _STYLES[kind or scheme]
-        name = scheme_name(scheme) if scheme in BASELINES else (
-            f'proposed, {scheme} for the guaranteed rate')
-        if rates.kind.any():
-            name += f', disc of {curve.error_radius_m.iloc[0]:g} m'
-        full = {'color': color, 'marker': marker, 'markersize': 6}
-        dashed = {**full, 'linestyle': '--', 'markerfacecolor': 'white', 'linewidth': 1.1}
-        if kind == 'worst case':
-            axes.plot(curve.x, curve.worst_case_rate, **dashed,
-                      label=f'{scheme} for the worst-case rate, disc of 10 m: worst case')
-            axes.plot(curve.x, curve.upper_bound, color='black', marker='_', markersize=8,
-                      linestyle=':', linewidth=1.1,
-                      label='upper bound of any plan, disc of 10 m: worst case')
-        elif kind == 'radius 0':  # Both rates are equal.
-            axes.plot(curve.x, curve.guaranteed_rate, **full, label=f'{name}: both rates')
-        else:
-            axes.plot(curve.x, curve.guaranteed_rate, **full, label=f'{name}: guaranteed')
-            axes.plot(curve.x, curve.worst_case_rate, **dashed, label=f'{name}: worst case')
-    axes.locator_params(axis='x', integer=True)
-    axes.set(xlabel=label, ylabel='mean secrecy rate (bit/s/Hz)')
+def draw_curves(rates, label):
+    """Return the Figure of an experiment's rates, and of what they miss against a bound."""
+    bounds = rates.dropna(subset='upper_bound').set_index('x').upper_bound
+    figure = Figure(figsize=(_SIZE[0], _SIZE[1] + 1.4 * bool(len(bounds))), layout='constrained')
+    axes, *below = figure.subplots(
+        2 if len(bounds) else 1, squeeze=False, sharex=True,
+        height_ratios=(2.4, 1.0) if len(bounds) else None)[:, 0]
+    curves = [curve for (kind, scheme), rows in rates.groupby(['kind', 'scheme'], sort=False)
+              for curve in _list_curves(kind, scheme, rows.sort_values('x'))]
+    if len(bounds):
+        curves.append(('upper bound of any worst case', bounds, bounds, 'black', (0, (1, 1))))
+    _draw_named(axes, [(name, values, color, dash) for name, values, _, color, dash in curves])
+    axes.set_ylabel('mean secrecy rate (bit/s/Hz)')
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    style_axes(axes)
-    _add_legend_above(axes)
+    if below:
+        _draw_named(below[0], [
+            (name, 100 * (1 - worst / bounds), color, dash)
+            for name, _, worst, color, dash in curves if worst is not None][:-1])
+        below[0].set(yscale='log', ylim=(0.1, 100),
+                     ylabel='worst case, missing\nagainst the bound (%)')
+        below[0].yaxis.set_major_formatter('{x:g}')
+    for part in (axes, *below):
+        style_axes(part)
+    (below or [axes])[-1].set_xlabel(label)
+    axes.locator_params(axis='x', integer=True)
+    _name_ends(figure)
     return figure
+
+
+def _list_curves(kind, scheme, rows):
+    """
+    Return the curves of a scheme: name, rates by x, worst-case rates by x, colour and dash.
+
+    The worst-case rates are None where there is no bound for them.
+    """
+    rows = rows.set_index('x')
+    guaranteed, worst = rows.guaranteed_rate, rows.worst_case_rate
+    if kind == 'worst case':
+        return [('proposed, for the worst case', worst, worst, _GREEN, '-')]
+    if kind == 'radius 0':  # Both rates are equal.
+        return [('proposed, place of eavesdropper known', guaranteed, None, _SKY, '-')]
+    if scheme in BASELINES:
+        return [(scheme_name(scheme), guaranteed, worst, _GREY, scheme_dash(scheme))]
+    return [('proposed, for the guarantee: worst case', worst, worst, _BLUE, '--'),
+            ('proposed, for the guarantee: guaranteed', guaranteed, None, _BLUE, '-')]
+
+
+def _draw_named(axes, curves):
+    """Draw curves, each a name, values by x, colour and dash."""
+    for name, values, color, dash in curves:
+        axes.plot(values.index, values, color=color, linestyle=dash, label=name, linewidth=1.5,
+                  marker='o', markersize=2.5)
+
+
+def _name_ends(figure):
+    """Write the names of all curves beside their ends, as near as they do not touch."""
+    for axes in figure.axes:
+        lines = sorted(axes.lines, key=lambda line: line.get_ydata()[-1])
+        axes.annotate(  # Room for the names, which constrained layout measures.
+            max((line.get_label() for line in lines), key=len), (1, 0.5), (12, 0),
+            xycoords='axes fraction', textcoords='offset points', fontsize=_NAME_SIZE, alpha=0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine('none')
+    for axes in figure.axes:
+        lines = sorted(axes.lines, key=lambda line: line.get_ydata()[-1])
+        ends = [axes.transData.transform(line.get_xydata()[-1])[1] for line in lines]
+        right = axes.bbox.x1 + 0.12 * figure.dpi
+        for line, end, place in zip(lines, ends, _spread(
+                ends, 1.25 * _NAME_SIZE * figure.dpi / 72.0, axes.bbox.y0,
+                axes.bbox.y1 - _NAME_SIZE / 2)):
+            axes.annotate(
+                line.get_label(), line.get_xydata()[-1],
+                axes.transAxes.inverted().transform((right, place)), textcoords='axes fraction',
+                va='center', fontsize=_NAME_SIZE, color=line.get_color(), arrowprops={
+                    'arrowstyle': '-', 'color': line.get_color(), 'linewidth': 0.5,
+                    'shrinkA': 0, 'shrinkB': 2, 'relpos': (0, 0.5)})
+
+
+def _spread(places, least, low, high):
+    """Return ascending places moved apart by a least distance, between a low and a high one."""
+    moved = np.clip(places, low, high)
+    for _ in range(100):  # Each pass halves what neighbours lack.
+        lack = np.maximum(0.0, least - np.diff(moved)) / 2
+        moved[:-1] -= lack
+        moved[1:] += lack
+        moved = np.clip(moved, low, high)
+    return moved
 
 
 def _draw_environments(table):
