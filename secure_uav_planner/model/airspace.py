@@ -16,9 +16,9 @@ from ..mission.validation import Array, read_only
 GEOFENCE = 'the geofence'
 """Name of the obstacles outside the fence."""
 
-MOST_ROUTES = 3  # Between two places, on different sides of the obstacles between them.
-_MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
-_ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
+MOST_ROUTES = 3  # Largest number of routes between two places, on different sides of obstacles.
+_MOST_CORNERS = 250  # Outlines of obstacles with more corners are simplified.
+_ROUNDING = 1e-6  # Depth [m] by which a route may cut into an obstacle.
 
 _Edges: TypeAlias = NDArray[np.intp]
 """Pairs of places, by their indices, (2, M)."""
@@ -43,7 +43,7 @@ class Airspace:
 
     @cached_property
     def is_open(self) -> bool:
-        """Whether UAVs have no limits but those of speed and acceleration."""
+        """Whether there are no zones, no fence and no separation."""
         return not (self.scenario.geofence or any(self.obstacles) or self.separations.any())
 
     @cached_property
@@ -51,7 +51,7 @@ class Airspace:
         """
         Obstacles of each UAV: convex parts of zones, and of the fence's hull without the fence.
 
-        Zones count at its altitude, and if they are not far.
+        Only zones at the UAV's altitude are obstacles, except far ones.
         """
         boundaries = self.scenario.boundaries
         outside = [] if boundaries.keep_in is None else [
@@ -65,10 +65,10 @@ class Airspace:
     @cached_property
     def far(self) -> frozenset[str]:
         """
-        Names of the zones that are farther from the mission than the mission is large.
+        Names of the zones that are farther away than the mission's diameter.
 
-        That is the box around starts, goals and the ground, and the way on which UAVs that do not
-        begin and end at rest can stop.
+        The diameter is the diagonal of the box around starts, goals and receivers, together with
+        the largest altitude and the braking distances of UAVs that do not begin and end at rest.
         """
         scenario = self.scenario
         size = math.hypot(*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max(), *(
@@ -122,7 +122,7 @@ class VisibilityGraph:
         ends = places[edges]
         lines = shapely.linestrings(ends.swapaxes(0, 1))
         free = ~shapely.intersects(self._enlarged, lines)
-        # Within the distance of an obstacle, only the obstacle itself counts.
+        # An edge that ends within the distance of an obstacle must clear the obstacle itself.
         inside = shapely.contains_xy(self._enlarged, ends[..., 0], ends[..., 1]).any(axis=0)
         again = np.flatnonzero(~free & inside)
         free[again] = ~shapely.intersects(self._solid, lines[again])
@@ -130,9 +130,11 @@ class VisibilityGraph:
 
     def find_routes(self, begin: Array, end: Array, most: int) -> list[Array]:
         """
-        Return at most so many routes between two places, the shortest first, each (K, 2) in m.
+        Return routes between two places, the shortest first, each (K, 2) in m.
 
-        Each alternative passes an obstacle of the shortest on its opposite side.
+        Each alternative passes one obstacle of the shortest route on the opposite side.
+
+        :param most: largest number of routes.
         """
         places, edges = self._insert(np.stack([begin, end]))
         shortest = _find_shortest_route(places, edges)
@@ -144,7 +146,8 @@ class VisibilityGraph:
                 part, shapely.points(shortest[1:-1])) <= _ROUNDING]
             if not len(touched) or len(routes) == most:
                 continue
-            # No alternative crosses the ray from inside it through where the shortest touches it.
+            # An alternative may not cross the ray from inside the obstacle through the corner that
+            # the shortest route touches.
             centre = np.array(part.representative_point().coords[0])
             away = touched[len(touched) // 2] - centre
             ray = shapely.linestrings(np.stack([
@@ -175,7 +178,7 @@ class VisibilityGraph:
         corners = len(self._corners)
         places = np.concatenate([self._corners, extra])
         more = np.arange(corners, len(places))
-        # From the corners to each extra place, and from these to the last.
+        # Edges from the corners to each extra place, and from each extra place to the last one.
         edges = np.stack([
             np.append(np.tile(np.arange(corners), len(more)), more[:-1]),
             np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))])

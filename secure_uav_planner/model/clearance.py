@@ -178,7 +178,7 @@ class Clearance:
     """
     Distances of a flight in continuous time, by closed forms and not by samples.
 
-    A UAV that waits at its start or goal while another flies counts as well.
+    They include a UAV that waits at its start or goal while another flies.
 
     :param scenario: a Scenario.
     :param curve: the Curve that its UAVs fly.
@@ -294,7 +294,7 @@ class Clearance:
         index, times = _find_entry(pieces, forbidden)
         if not len(times):
             return
-        # Between two entries or ends of the flight it is inside, or outside.
+        # The UAV is either inside or outside from one entry, or end of the flight, to the next.
         ends = np.array([self._curve.begin, *times, self._curve.end])
         times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
         points = shapely.points(self._curve.at(times).positions[number])

@@ -22,11 +22,11 @@ _STANDING = 1e-3  # Share of the largest speed below which a heading is numerica
 GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
 """Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
 
-_SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6  # At the beginning, middle and end of a slot.
+_SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6  # Weights of begin, middle and end of a slot.
 
 HOVERING_SPEED = 0.1
-"""Slower than this share of its largest speed, a UAV counts as hovering. At 1 m/s the power of the
-default rotary wing is 1% below that of hovering, and a UAV that circles in place does so too."""
+"""A UAV hovers if it is slower than this share of its largest speed. The default rotary wing needs
+1% less power at 1 m/s than at rest, and a UAV that loiters in place is as slow."""
 
 
 class Motion(NamedTuple):
@@ -62,9 +62,9 @@ class Curve:
 
     :param scenario: of the UAVs.
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
-    :ivar begin: when the UAVs leave their starts, in s from point 0.
-    :ivar end: when they reach their goals, likewise.
-    :ivar piece: length in s of the pieces, from begin on, in which no acceleration changes.
+    :ivar begin: time at which the UAVs leave their starts, in s from point 0.
+    :ivar end: time at which the UAVs reach their goals, in s from point 0.
+    :ivar piece: length in s of the pieces with constant acceleration; the first starts at begin.
     """
 
     def __init__(self, scenario: Scenario, positions: Array) -> None:
@@ -87,7 +87,7 @@ class Curve:
         evaluate = self._evaluate_spline if self._smooth else self._evaluate_polyline
         position, velocity, acceleration = evaluate(nodes)
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
-        # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
+        # The 1e-9 of a slot allows for rounded times: the heading of a move holds from its begin.
         node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
         heading = self._headings[:, node]
         if self._smooth:
@@ -124,7 +124,7 @@ def add_end_moves(moves: Array, ends: Array) -> Array:
     """
     Return moves w[-1], w[0], ..., w[M] of flights with moves w[0], ..., w[M-1], (U, M, 2).
 
-    :param ends: w[-1] and w[M], (2, U, 2); where one is NaN, it is like the move beside it.
+    :param ends: w[-1] and w[M], (2, U, 2); NaN repeats the neighbouring move.
     """
     ends = np.where(np.isnan(ends), np.swapaxes(moves[:, [0, -1]], 0, 1), ends)
     return np.concatenate([ends[0][:, None], moves, ends[1][:, None]], axis=1)
@@ -134,8 +134,8 @@ def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, A
     """
     Return position, velocity and acceleration of a B-spline by slots, (U, K, 2) each.
 
-    :param points: its control points, (U, M, 2).
-    :param moves: w[-1], w[0], ..., w[M-1] between these and beyond, (U, M+1, 2).
+    :param points: control points, (U, M, 2).
+    :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2).
     :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
     """
     node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
@@ -160,7 +160,8 @@ def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, .
     """
     Return the Energy of each UAV along a curve, None for one without a propulsion.
 
-    Propulsion.power is that of the speed; changes of velocity and the radio are left out.
+    Propulsion.power at the speed is integrated. Neither the power for changes of velocity nor the
+    radio's is included.
     """
     energies = integrate_powers(scenario, *curve.slot_velocities, scenario.slot_duration)
     return tuple(None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
@@ -171,8 +172,10 @@ def integrate_powers(scenario: Scenario, before: Array, after: Array, step: floa
     """
     Return the energies of UAVs by Simpson's rule in each slot, hovering and flying, (U, 2) in J.
 
-    :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s, linear in between.
-    :param after: likewise at their ends.
+    The velocity is linear in each slot.
+
+    :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s.
+    :param after: velocities at the ends of the slots, (U, M, 2) in m/s.
     :param step: length of a slot in s.
     :return: 0 for a UAV without a propulsion.
     """
@@ -190,7 +193,7 @@ def _find_headings(moves: Array, max_step: Array) -> Array:
     """Return the direction of travel from every point, (U, N+2) in rad, held while hovering."""
     moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
     moving = np.linalg.norm(moves, axis=-1) > _STANDING * max_step[:, None]
-    # The index of the last point at which the UAV moved; before the first, that of the first.
+    # The index of the last point at which the UAV moved. Before its first move it is -1.
     index = np.where(moving, np.arange(moves.shape[1]), -1)
     last = np.maximum.accumulate(index, axis=1)
     first = np.argmax(moving, axis=1)[:, None]

@@ -21,15 +21,15 @@ _NO_SLACK = 1e-7  # Share of its limits below which a flight is fixed.
 @dataclass(frozen=True, eq=False)
 class Grid:
     """
-    A scenario's flight divided into slots, and its variables in units of its own.
+    A scenario's flight divided into slots, and the variables of the optimisation in grid units.
 
     Variables are (power, x, y) of every UAV in every slot, x (..., N, U, 3): powers in units of
     the UAV's average power, positions in units of `length` around the ground node. A path has
     positions in these units with start and goal, point by point, (N+2, U, 2).
 
-    :param airspace: of the scenario whose flight it is; the flight's length stays the scenario's.
+    :param airspace: of the scenario, whose duration does not depend on the grid.
     :param slots: N on this grid.
-    :param is_fixed: whether no positions are variables.
+    :param is_fixed: whether only the powers are variables.
     """
 
     airspace: Airspace
@@ -38,12 +38,12 @@ class Grid:
 
     @property
     def scenario(self) -> Scenario:
-        """Scenario whose flight it is."""
+        """Scenario of the flight."""
         return self.airspace.scenario
 
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
-        """Whether the positions of each UAV are no variables, as without slack, (U,)."""
+        """True for UAVs without time to spare, whose paths are constant, (U,)."""
         return self.is_fixed | (find_least_utilisations(self.scenario) > 1 - _NO_SLACK)
 
     @cached_property
@@ -161,10 +161,10 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
     """
     Return the control points (U, count, 2) of nearly the same B-spline (U, M, 2) in other slots.
 
-    The curve begins and ends half a slot beyond the points. As that differs between the two, time
-    is warped, while the ends keep their velocities.
+    A curve begins and ends half a slot beyond its points, and half a slot differs between the two
+    grids. So time is warped, while the ends keep their velocities.
 
-    :param moves: of the points, see add_end_moves, (U, M+1, 2).
+    :param moves: differences of the points with both ends, (U, M+1, 2), see add_end_moves.
     """
     last, first_move, last_move = points.shape[1] - 1, moves[:, :1], moves[:, -1:]
     slot = last / (count - 1)
@@ -176,7 +176,7 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
                   for by in (-slot / 2, slot / 2)]
     inside = np.clip(warped, -0.5, last + 0.5)
     position, velocity, _ = evaluate_spline(points, moves, inside)
-    # Beyond its ends the curve goes straight on.
+    # Beyond its ends the curve is extended along the tangent.
     controls = (position + (warped - inside)[:, None] * velocity + drift
                 - slot / 8 * (velocities[1] - velocities[0]))
     controls[:, [0, -1]] = points[:, [0, -1]]
@@ -187,7 +187,7 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
     Return values (M, ...) over equal shares of a flight at another number of points.
 
-    :param inner: whether the values are those of slots, which lie between start and goal.
+    :param inner: whether the values belong to slots, which lie between start and goal.
     """
     if count == len(values):
         return values.copy()
@@ -208,17 +208,17 @@ def resample_flights(positions: Array, slots: int) -> Array:
 @dataclass(frozen=True, eq=False)
 class Receivers:
     """
-    The ground nodes, G, the eavesdroppers, E, and nodes again that listen, in units of a Grid.
+    Receivers in units of a Grid: G ground nodes, E eavesdroppers and L listening nodes.
 
-    Those that listen, L, count as eavesdroppers of what others are sent: K = G + E + L receivers.
+    An untrusted ground node listens to what other nodes are sent. It appears twice: K = G + E + L.
 
-    :param positions: at the points of the slots, (N, K, 2).
-    :param radii: epsilon, which the guarantee adds to a jammer's distance, and subtracts from the
-        transmitter's, (N, K).
-    :param link: of the UAVs, for arrays (..., K, U).
-    :param weights: of the ground nodes, (G,).
-    :param offsets: of their mean rates, (G,) in nats.
-    :param listeners: the numbers of the nodes that listen, (L,).
+    :param positions: positions at the points of the slots, (N, K, 2).
+    :param radii: epsilon, (N, K). The guarantee adds it to the distance of a jammer, and subtracts
+        it from the distance of the transmitter.
+    :param link: links from the UAVs, for arrays (..., K, U).
+    :param weights: weights of the ground nodes, (G,).
+    :param offsets: head starts of the nodes' mean rates, (G,) in nats.
+    :param listeners: indices of the listening nodes among the ground nodes, (L,).
     """
 
     positions: Array
@@ -242,7 +242,7 @@ class Receivers:
                    grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
-        """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
+        """Return the receivers with P points for each disc of an eavesdropper, (N, E P, 2)."""
         nodes, listeners = len(self.weights), len(self.listeners)
         eves = self.radii.shape[1] - nodes - listeners
         copies = np.repeat(np.arange(self.radii.shape[1]), [
@@ -253,7 +253,7 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return those of nodes (N, G), eavesdroppers and listeners at x (N, U, 3) in nats."""
+        """Return rates of nodes (N, G), eavesdroppers and listeners at x (N, U, 3) in nats."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -15,17 +15,17 @@ from ..errors import PlanError
 from ..mission.kinematics import UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Scenario
 
-_DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
+_DISTANCES = (0.2, 0.01)  # Distances of routes from obstacles in steps, tried in this order.
 _INSIDE = 0.1  # Distance of free places from the fence, in steps.
 
 
 class Problem:
     """
-    A scenario with what follows from it, computed when it is first asked for, and then kept.
+    A scenario with data derived from it, each computed at its first use and then kept.
 
     :param scenario: the mission.
-    :ivar airspace: its obstacles.
-    :ivar grid: of its own slots.
+    :ivar airspace: obstacles of the mission.
+    :ivar grid: grid with the mission's own slots.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -40,7 +40,11 @@ class Problem:
         return build_limits(self.grid)
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.validate."""
+        """
+        Validate all limits except zones, fence and separation, which Clearance checks.
+
+        :raises PlanError: when the plan breaks a limit.
+        """
         for limit in self.limits:
             limit.validate(positions, powers)
 
@@ -83,7 +87,7 @@ class Problem:
         return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
+        """Move places (..., U, 2) in m 0.1 step inside the fence's hull, then out of obstacles."""
         normals, offsets = self.airspace.hull
         free = places.copy()
         for uav, step in enumerate(self.grid.step_lengths.tolist()):

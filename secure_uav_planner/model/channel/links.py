@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
-RISE = 1.0  # Degrees of elevation in which a gain rises to that of a line of sight.
+RISE = 1.0  # Degrees of elevation over which a smoothed quantile rises to line of sight.
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +25,17 @@ class FreeSpace:
     """
     Line of sight with free-space path loss: the gain is beta_0 / (sigma^2 (d^2 + H^2)).
 
-    :param reference_snr: beta_0 / sigma^2 at unit distance and unit power; any shape that
-        broadcasts with the squared distances.
-    :param squared_altitudes: H^2, likewise.
+    All fields broadcast with the squared distances.
+
+    :param reference_snr: beta_0 / sigma^2 at unit distance and unit power.
+    :param squared_altitudes: H^2.
     """
 
     reference_snr: Array | float
     squared_altitudes: Array
 
     def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
-        """Return the link to receivers whose SNR is larger by factors, as reference_snr."""
+        """Return the link with the SNR of each receiver multiplied by its advantage."""
         return replace(self, reference_snr=self.reference_snr * advantages)
 
     def gain(self, squared: Array) -> Array:
@@ -42,7 +43,7 @@ class FreeSpace:
         return self.reference_snr / (squared + self.squared_altitudes)
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain with a line of sight where numbers in [0, 1) are below its chance."""
+        """Return the gain for uniform samples in [0, 1) of whether there is a line of sight."""
         return self.gain(squared)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
@@ -64,12 +65,12 @@ class PathLoss(FreeSpace):
     1 / (1 + exp(-z)) and z = steepness theta - shift at the elevation theta in degrees
     (Al-Hourani, Kandeepan and Lardner 2014; the mean of both cases as in Zeng, Wu and Zhang 2019).
 
-    :cvar takes_quantile: False if the mean of both cases counts.
-    :param losses: kappa, the share of the gain that is left without a line of sight; 1 for a link
-        that has a line of sight. As reference_snr.
+    :cvar takes_quantile: False for the mean over both cases, with and without a line of sight.
+    :param losses: kappa, factor of the gain without a line of sight; 1 for a link that always has
+        a line of sight. It broadcasts with the squared distances.
     :param exponent: alpha.
-    :param steepness: of z, per degree; as reference_snr.
-    :param shift: of z; as reference_snr.
+    :param steepness: slope of z per degree; it broadcasts with the squared distances.
+    :param shift: offset of z; it broadcasts with the squared distances.
     """
 
     takes_quantile: ClassVar[bool] = False
@@ -104,7 +105,7 @@ class PathLoss(FreeSpace):
             squared + self.squared_altitudes)**(-0.5 * self.exponent)
 
     def _factor(self, z: Array) -> Array:
-        """Return the factor of the gain by lines of sight."""
+        """Return the gain as a share of the gain with a line of sight."""
         return self.losses + (1 - self.losses) * _probability(z)
 
     def _z(self, squared: Array) -> Array:
@@ -115,7 +116,10 @@ class PathLoss(FreeSpace):
 @dataclass(frozen=True, eq=False)
 class PathLossQuantile(PathLoss):
     """
-    Path loss with the line of sight that a link has, or may have, but for a stated probability.
+    Path loss at a quantile of the line of sight.
+
+    A helpful link has a line of sight only where the probability of none is below the outage; a
+    harmful one has a line of sight unless the probability of one is below the outage.
 
     The factor of the gain is kappa^(1 - S), where S = z^3 (6 z^2 - 15 z + 10) rises from 0 at z =
     0 to 1 at z = 1: twice differentiable, unlike the step of the quantile itself.
@@ -133,11 +137,12 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
     """
     Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
 
-    Its gains are those that the guarantee counts with: with an outage quantiles on the bad side,
-    else means or, where the channel is cautious, those of a line of sight on the bad side.
+    The guarantee uses these gains. With a stated outage they are quantiles on the bad side.
+    Otherwise they are means; a cautious channel has a line of sight on the bad side.
 
-    :param axes: how many axes the squared distances have after that of the UAVs.
-    :param altitudes: in m, of the shape of the squared distances, instead of the scenario's.
+    :param axes: number of axes of the squared distances behind the axis of the UAVs.
+    :param altitudes: altitudes of the UAVs in m, shaped like the squared distances; by default
+        the scenario's.
     """
     shape = -1, *[1] * axes
     return _link(scenario, int(receiver == 'eavesdropper'), shape, scenario.reference_snr,
@@ -149,10 +154,10 @@ def make_links(scenario: Scenario, length: float, power: Array,
     """
     Return the links to K receivers as in a Grid's Receivers, for arrays (..., K, U).
 
-    :param length: the unit of length in m, as power (U,) has those of powers in W.
-    :param elevation_offset: homotopy parameter in degrees, by which gains of links that help begin
-        to rise early, above those that count, so that optimisation finds from outside where there
-        are lines of sight.
+    :param length: unit of length in m.
+    :param power: units of the UAVs' powers in W, (U,).
+    :param elevation_offset: homotopy parameter in degrees. It widens the smoothed step of helpful
+        links, so that their gradient is not 0 outside the region with a line of sight.
     """
     nodes, listeners = len(scenario.ground_nodes), len(scenario.listeners)
     hearers = len(scenario.eavesdroppers) + listeners
@@ -168,7 +173,7 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     """Return a link to kinds of receivers, ground node (0) or eavesdroppers (1), in a shape."""
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
-    # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.
+    # A jammer interferes at the ground node; the transmitter leaks to an eavesdropper.
     is_adverse = np.stack([~transmits, transmits])[kinds].reshape(shape)
     share = _outage_share(scenario)
     if channel.rician_k_db is not None:
@@ -190,10 +195,10 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
 
 def _outage_share(scenario: Scenario) -> float:
     """
-    Return the probability of each link and cause to be on the wrong side of its quantile, or 0.
+    Return the outage budget of each link and cause; 0 without a stated outage.
 
-    By the union bound, all links are on the right side at once but for the outage, however they
-    depend on each other.
+    By the union bound, some link is on the wrong side of its quantile with a probability of at
+    most the outage, whatever the dependence between links.
     """
     channel = scenario.channel
     causes = (channel.rician_k_db is not None) + (channel.los is not None)
@@ -205,10 +210,10 @@ def _outage_share(scenario: Scenario) -> float:
 
 def sight_radii(scenario: Scenario) -> Array:
     """
-    Return the largest distances at which helpful links count with a line of sight, (U,) in m.
+    Return the largest horizontal distances of helpful links with a line of sight, (U,) in m.
 
-    They are horizontal; infinite without a stated outage for lines of sight, and where no
-    elevation is high enough.
+    They are infinite without a stated outage for lines of sight, and where no elevation is high
+    enough.
     """
     channel, elevation = scenario.channel, 90.0
     if channel.counts_sights and channel.los_numbers:
@@ -220,7 +225,7 @@ def sight_radii(scenario: Scenario) -> Array:
 
 
 def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
-    """Return the elevations in degrees where the chance of sight is 1 - share, and the share."""
+    """Return the elevations [degrees] with the probabilities 1 - share and share of sight."""
     helping, harming = (a + math.log(a * chance / (1 - chance)) / b
                         for chance in (1 - share, share))
     return helping, harming
@@ -228,7 +233,7 @@ def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def fading_quantiles(rician_k_db: float, share: float) -> tuple[float, float]:
-    """Return the power gain of Rician fading that is exceeded, and undercut, but for a share."""
+    """Return the quantiles of the power gain of Rician fading for share and 1 - share."""
     from scipy.stats import ncx2  # Here, because it takes half a second to import.
     # 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom, noncentrality 2 K.
     factor = 10.0**(rician_k_db / 10.0)
@@ -249,6 +254,7 @@ def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:
     """
     Return ([d + edge]^+)^2 of equation (9) for squared distances d^2.
 
-    The edge is -epsilon for the transmitter, whose best case counts, and epsilon for jammers.
+    The edge is -epsilon for the transmitter (nearest point of the disc) and epsilon for jammers
+    (farthest point).
     """
     return np.maximum(np.sqrt(squared) + edge, 0.0)**2

@@ -17,14 +17,14 @@ from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000
 """
-About the most sectors of discs that are examined in a slot; the bound until then counts.
+Approximate limit of the sectors examined in a slot; the bound reached by then is returned.
 
 Of 36000 slots of random scenarios, among them all extremes that a Scenario allows, none needed
 20000, 99 of 100 needed less than 1200, half of them 20. With two UAVs 50000 take 0.02 s.
 """
 
-_AT_ONCE = 2**15  # Triples of a slot, an eavesdropper and a UAV, so that arrays fit into caches.
-_ROUNDING = 1e-12  # Of a leak in bit/s/Hz, or a share of a small one; none is above 150.
+_AT_ONCE = 2**15  # Triples (slot, eavesdropper, UAV) in a chunk whose arrays fit into caches.
+_ROUNDING = 1e-12  # Rounding error of a leak: bit/s/Hz above 1, relative below; leaks are < 150.
 _SILENT = 1e-100  # Leak in bit/s/Hz up to which a slot is silent.
 
 
@@ -33,12 +33,11 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return r_0[n] less the largest leak to any point of any disc, (N,) in bit/s/Hz.
 
-    A lower bound of R[n] of problem (P1), equation (6), before its [x]^+, never below
-    guaranteed_rates: a branch and bound over the discs proves that no point leaks more than the
-    leak that is subtracted. That is at most 1e-6 times find_rate_scale above the leak at
-    worst_case_places, and more only where more than MOST_SECTORS parts of the discs would have to
-    be examined in a slot, or where distances of 1e7 m at altitudes of 1e-3 m exhaust the
-    floating-point numbers.
+    This is a lower bound of R[n] of problem (P1), equation (6), before its [x]^+, and never below
+    guaranteed_rates. A branch and bound over the discs proves that no point leaks more than the
+    subtracted leak. The subtracted leak exceeds the leak at worst_case_places by at most 1e-6
+    times find_rate_scale. It may exceed it by more in a slot that needs more than MOST_SECTORS
+    sectors, and where distances of 1e7 m at altitudes of 1e-3 m exhaust floating-point numbers.
 
     :param times: as for guaranteed_rates.
     """
@@ -74,13 +73,13 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
     """
     Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
 
-    Found by a local search from the best of some places, and not proven: of 12000 slots of random
-    scenarios the largest leak was missed by more than 2e-6 in 13. In a slot without power, the
+    A local search from the best of some places finds it; it is not proven. Of 12000 slots of
+    random scenarios, 13 missed the largest leak by more than 2e-6. In a slot without power, the
     place is the centre and the leak 0.
 
-    :param uav_positions: in the N slots, (U, N, 2) in m.
+    :param uav_positions: positions of the UAVs in the N slots, (U, N, 2) in m.
     :param powers: (U, N) in W.
-    :param receivers: in the N slots; by default those of the scenario at the points of N slots.
+    :param receivers: discs in the N slots; by default the scenario's, in N slots.
     """
     count = len(checked_kind('scenario', scenario, Scenario).uavs)
     powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
@@ -109,7 +108,8 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
     """
     Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2).
 
-    :param centres: of the discs, (N, E, 2) in m, as their radii (N, E).
+    :param centres: centres of the discs, (N, E, 2) in m.
+    :param radii: radii of the discs, (N, E) in m.
     """
     offsets = uav_positions[:, :, None] - centres
     leaks = np.zeros(offsets.shape[1:3])
@@ -132,19 +132,20 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
     """
     Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2).
 
-    :param centres: as radii, those of _likely_leaks.
+    :param centres: centres of the discs, (N, E, 2) in m.
+    :param radii: radii of the discs, (N, E) in m.
     """
     offsets = uav_positions[:, :, None] - centres
     most = _guaranteed_leaks(scenario, radii, offsets, powers)
     leaks = combine_leaks(most) if scenario.colluding else most.max(axis=1)
     eves = most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
-    # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
+    # A leak below the tolerance, as in a silent slot, keeps the formula's bound and the centre.
     scale = find_rate_scale(scenario)
     active = np.flatnonzero(leaks > scale * core.TOLERANCE)
     if active.size:
         discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
-        # All colluding eavesdroppers count, otherwise the one with the largest leak.
+        # Leaks of colluding eavesdroppers add up; otherwise only the largest matters.
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
@@ -167,7 +168,7 @@ def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
     Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot.
 
     :param radii: (N, E) in m.
-    :param offsets: of the UAVs from the centres, (U, N, E, 2) in m.
+    :param offsets: horizontal offsets of the UAVs from the centres, (U, N, E, 2) in m.
     :param powers: (U, N) in W.
     """
     uavs, slots, eves = offsets.shape[:3]

@@ -1,4 +1,4 @@
-"""What every limit provides, and the simplest limits, those of power, equation (7)."""
+"""The interface of limits, and the limits of power, equation (7)."""
 
 from abc import ABC, abstractmethod
 
@@ -19,11 +19,11 @@ class Limit(ABC):
     """
     One limit of a scenario.
 
-    A new limit is one subclass of this, named in `limits.LIMITS`. `Plan` calls validate,
-    `Incumbent` calls retract, and `joint` uses the form of the kernel.
+    A new limit is one subclass, named in `limits.LIMITS`. `Plan` calls validate, `Incumbent` calls
+    retract, and `joint` uses the kernel's form.
 
-    :param grid: of the flights.
-    :ivar scenario: that of the grid.
+    :param grid: grid of the flights.
+    :ivar scenario: scenario of the grid.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -38,7 +38,7 @@ class Limit(ABC):
     @property
     def compiled(self) -> core.Limit | None:
         """
-        Return the kernel's form of it on the grid, with slacks c(x) > 0 strictly inside the limit.
+        Return the kernel's form, with slacks c(x) > 0 strictly inside the limit.
 
         None for limits of powers, which the kernel has as bounds of its variables.
         """
@@ -56,12 +56,11 @@ class Limit(ABC):
 
     def shape_start(self, positions: Array) -> Array:
         """
-        Return a first flight changed so that it keeps this limit, by default as it is.
+        Return a first flight changed so that it keeps this limit; unchanged by default.
 
-        A limit that is not convex needs it where UAVs that fly to a place, hover and fly on break
-        the limit: methods go on from first flights, and find none by themselves. What it returns
-        must still keep the limit on a grid of 25 slots and 5% nearer to the flight of least
-        utilisation.
+        Override it if fly-hover-fly can violate the limit: solvers refine this flight, they cannot
+        repair it. The result must keep the limit on a grid of 25 slots, too, and when it is
+        blended by 5% with the flight of least utilisation.
 
         :param positions: (U, N+2, 2) in m.
         """
@@ -81,9 +80,9 @@ def compile_vectors(grid: Grid, points: NDArray[np.intp], weights: ArrayLike,
     """
     Return the kernel's form of vectors that are weighted sums of points of flights.
 
-    :param points: U n + u of point n of UAV u, (..., T).
-    :param weights: of these, which broadcast to their shape.
-    :param constants: added to each vector, (..., 2) in units.
+    :param points: index U n + u of point n of UAV u, (..., T).
+    :param weights: weights of the points; they broadcast to (..., T).
+    :param constants: constant part of each vector, (..., 2) in units.
     :param differences: whether the weights of each vector add up to 0.
     """
     varies = np.zeros((grid.slots + 2, len(grid.fixed)), bool)

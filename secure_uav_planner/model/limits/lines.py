@@ -19,7 +19,7 @@ from ..grid import Grid
 from ..kernel import core
 from ...mission.scenario import Array
 
-_TOLERANCE = 1e-6  # By which constant control points may be beyond a line, in units.
+_TOLERANCE = 1e-6  # Distance [units] by which constant control points may be beyond a line.
 
 _Piece: TypeAlias = tuple[tuple[float, float, float], ...]
 
@@ -35,12 +35,12 @@ class ControlPoints:
 
     Around each of the points 0..N+1 every UAV has one piece.
 
-    :param grid: of the flight.
-    :param on_curve: whether they are those of the flown curve, or else the points themselves,
-        with the curve's ends in place of start and goal.
-    :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, U, K, 3); zero for points
-        that do not vary.
-    :ivar all_weights: likewise, with the points that do not vary.
+    :param grid: grid of the flight.
+    :param on_curve: True for the control points of the flown curve; False for the points of the
+        flight, with the curve's ends in place of start and goal.
+    :ivar weights: weights of q[n-1], q[n], q[n+1] in each control point, (N+2, U, K, 3); zero for
+        points that do not vary.
+    :ivar all_weights: the same weights, also of points that do not vary, (N+2, U, K, 3).
     :ivar constant: the constant part of each control point, (N+2, U, K, 2) in units.
     """
 
@@ -59,7 +59,7 @@ class ControlPoints:
         self.weights[:, grid.fixed] = 0.0
 
     def _close_ends(self) -> None:
-        """Express the points before the first and after the last by those of the flight."""
+        """Express q[-1] and q[N+2] by points of the flight and the end velocities."""
         velocities = self.grid.scenario.end_velocities
         if not self.grid.scenario.limits_acceleration:
             velocities = np.zeros_like(velocities)  # The UAVs rest there.
@@ -85,10 +85,10 @@ class ControlPoints:
 
 class Lines(NamedTuple):
     """
-    Lines on whose far side pieces of curves stay: normal . p >= offset.
+    Separating half-planes normal . p >= offset, one for each piece and pair.
 
     :ivar normals: unit vectors, (N+2, G, 2).
-    :ivar offsets: in units, (N+2, G).
+    :ivar offsets: (N+2, G) in units.
     """
 
     normals: Array
@@ -99,15 +99,15 @@ class LineLimit(Limit):
     """
     A limit c = normal . p - offset >= 0 on the control points p of pieces of curves.
 
-    A convex piece clears a convex obstacle if a line separates them. Each of G pairs, of a UAV and
-    an obstacle or of two UAVs whose difference counts, has a line for every piece of its curve.
-    The kernel's class of the same name chooses the lines.
+    A convex piece clears a convex obstacle if a line separates them. A pair is a UAV and an
+    obstacle, or two UAVs, whose difference must stay out of a disc. Each of G pairs has a line for
+    every piece of its curve. The kernel's class of the same name chooses the lines.
 
     :param first: the UAV of each pair, (G,).
     :param second: the UAV whose piece is subtracted, (G,), or None.
-    :param on_curve: whether the control points are those of the curve; see ControlPoints.
+    :param on_curve: see ControlPoints.
     :ivar points: the ControlPoints of all curves.
-    :ivar ignored: which control points do not vary, (N+2, G, K).
+    :ivar ignored: True for control points that do not vary, (N+2, G, K).
     """
 
     def __init__(self, grid: Grid, first: NDArray[np.intp],
@@ -142,9 +142,9 @@ class LineLimit(Limit):
 
     def choose_lines(self, path: Array) -> Lines:
         """
-        Return lines that separate the pieces of a path (N+2, U, 2) from what they must clear.
+        Return lines that separate the pieces of a path (N+2, U, 2) from their obstacles.
 
-        Where that is impossible, c is negative for at least one control point of the piece.
+        If a piece cannot be separated, c is negative for at least one of its control points.
         """
         shape = len(path), len(self.first)
         lines = Lines(np.empty((*shape, 2)), np.empty(shape))
@@ -156,8 +156,8 @@ class LineLimit(Limit):
         """
         Return lines for a path that need not be clear, chosen for the flight as a whole.
 
-        :param lines: those of the path, which may be changed.
-        :param opposite: whether to take the opposite side of the nearest, where there is one.
+        :param lines: lines of the path, which may be changed.
+        :param opposite: whether to pass on the opposite side of the nearest one, if there is one.
         """
         return lines
 

@@ -1,8 +1,8 @@
 """
 The limits of speed, equation (1), and of acceleration: lengths of differences of points.
 
-For the latter, the points are the control points of a uniform quadratic B-spline, which has the
-acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
+With a limit of acceleration, the points are the control points of a uniform quadratic B-spline,
+which has the acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 """
 
 from abc import abstractmethod
@@ -21,18 +21,18 @@ from ...mission.scenario import Array, POSITION_TOLERANCE
 from ...mission.validation import round_down
 
 
-_ROUNDING = 1e-15  # Of differences of points, as a share of their coordinates.
+_ROUNDING = 1e-15  # Rounding error of differences of points, as a share of coordinates.
 
 
 class NormLimit(Limit):
     """
     A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + 1 - order + k] of points.
 
-    A UAV that is fixed has no c of its own: its entries are 1.
+    A UAV that is fixed has c = 1.
 
-    :cvar stencil: the weights a_k, order + 1 of them.
+    :cvar stencil: the weights a_k, (order + 1,).
     :param longest: r, (U,) in m.
-    :ivar absent: which differences have no limit, (M, U).
+    :ivar absent: True for differences without a limit, (M, U).
     """
 
     stencil: ClassVar[tuple[float, ...]]
@@ -81,12 +81,12 @@ class NormLimit(Limit):
 
     def retract(self, positions: Array, margin: float = 0.0) -> Array:
         """
-        Return the positions blended with the reference flight as far as the limit asks for.
+        Return the positions blended with the reference flight until they keep the limit.
 
-        No flight has a smaller largest difference in relation to its limits than the reference.
-        An exceedance of 1e-8 costs a share of about 1e-8 of the way towards it.
+        The reference has the least utilisation, so blending towards it restores feasibility. An
+        exceedance of 1e-8 costs a blend of about 1e-8.
 
-        :param margin: share of the limit that is left, where the reference leaves as much.
+        :param margin: share of the limit to keep free, if the reference keeps as much free.
         """
         positions = positions.copy()
         positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
@@ -107,9 +107,9 @@ class NormLimit(Limit):
         return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
 
     def _lengths(self, positions: Array) -> Array:
-        """Return |d|, 0 where it does not count, (U, M) in m."""
+        """Return |d|, 0 for differences without a limit, (U, M) in m."""
         differences = self.differences(positions)
-        # Several times as fast as a norm over an axis of two.
+        # The explicit root is several times as fast as np.linalg.norm over an axis of two.
         lengths: Array = np.sqrt(differences[..., 0]**2 + differences[..., 1]**2)
         lengths[self.absent.T] = 0.0
         return lengths
@@ -135,8 +135,8 @@ class AccelerationLimit(NormLimit):
     """
     No UAV accelerates more than it can: d[n] = q[n+1] - 2 q[n] + q[n-1], n = 0..N+1.
 
-    q[-1] = q[0] - v_start t_s and q[N+2] = q[N+1] + v_goal t_s. The d of an end whose velocity is
-    free does not count.
+    q[-1] = q[0] - v_start t_s and q[N+2] = q[N+1] + v_goal t_s. An end whose velocity is free has
+    no limit.
     """
 
     stencil = (1.0, -2.0, 1.0)

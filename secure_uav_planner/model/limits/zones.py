@@ -22,8 +22,8 @@ class FenceLimit(LineLimit):
     """
     No UAV leaves the convex hull of the geofence: all control points are within its sides.
 
-    The rest outside the fence are obstacles. A point that its UAV could not take to a side of the
-    hull, with its speed, has no c there.
+    What is inside the hull but outside the fence is an obstacle. A point from which the UAV is too
+    slow to reach a side of the hull has no c for this side.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -53,7 +53,7 @@ class ZoneLimit(LineLimit):
     """
     No UAV enters an obstacle at its altitude.
 
-    Only the nearest of many obstacles have lines; a step goes no farther than to the next.
+    Only the nearest obstacles have lines; a step ends before the nearest obstacle without one.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -62,7 +62,7 @@ class ZoneLimit(LineLimit):
         most = max(len(obstacles[uav]) for uav in uavs)
         corners = max(len(obstacle.vertices) for uav in uavs for obstacle in obstacles[uav])
         super().__init__(grid, np.repeat(uavs, min(most, MOST_LINES)))
-        # Of every UAV in uavs, repeated where it has fewer: (A, Z, V, 2), in units.
+        # Obstacles of each UAV in `uavs`, repeated up to the same number: (A, Z, V, 2) in units.
         self._polygons: Array = (np.array([
             [np.pad(polygon, ((0, corners - len(polygon)), (0, 0)), 'edge')
              for polygon, _ in islice(cycle(obstacles[uav]), most)]
@@ -81,8 +81,8 @@ class SeparationLimit(LineLimit):
     """
     No two UAVs come closer than the separation: their difference stays out of a disc.
 
-    The disc's radius is what the difference of their altitudes leaves of the separation. A line
-    touches it where it is nearest to the piece of the difference.
+    The disc's radius is the horizontal distance that their altitudes leave of the separation. A
+    line touches the disc at its point nearest to the piece of the difference.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -102,9 +102,9 @@ class SeparationLimit(LineLimit):
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
                        raise_if_over: Callable[[], None]) -> Lines:
         """
-        Return lines that turn evenly while two UAVs are too close, from before to after that.
+        Return lines that turn evenly while two UAVs are too close.
 
-        So they pass each other on one side, also where the difference runs through the origin.
+        So the UAVs pass each other on one side, even if their difference runs through the origin.
         """
         least = self.slacks(path, lines).min(axis=-1)
         raise_if_over()
