@@ -25,7 +25,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 	mission_file plan playback planner relay replay restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test test-slow without-ros bench fly numbers soak study docs wheel compat clean
+.PHONY: demo test test-slow without-ros sanitize fuzz bench fly numbers soak study docs wheel compat clean
 
 MISSION ?= paper
 
@@ -43,6 +43,26 @@ without-ros:
 	@echo 'PyPI has no ROS for $(WITHOUT_ROS): the nodes and the demo need an installed ROS, see'
 	@echo 'docs/install.md. The command and the library work, after: pip install ".[view]"'
 	@echo '`make test` runs all tests but those of the nodes.'
+
+# The kernel with checks of its addresses and of undefined behaviour.
+sanitize: $(VENV)/.test
+	CFLAGS='-fsanitize=address,undefined -fno-sanitize-recover=undefined -D_GLIBCXX_ASSERTIONS' \
+		LDFLAGS='-fsanitize=address,undefined' $(BIN)/python setup.py --quiet build_ext \
+		--build-lib out/sanitize --build-temp out/sanitize/build
+	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
+		ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=out/sanitize $(BIN)/python -m pytest -n 2 \
+		$(addprefix test/test_, $(addsuffix .py, kernel derivatives limits fuzz_solve bound \
+		bound_lemmas))
+
+# Each parser from its seeds; what was found stays in out/fuzz.
+FUZZED := $(notdir $(wildcard test/corpus/*))
+fuzz: $(addprefix fuzz-, $(FUZZED))
+
+fuzz-%: $(VENV)/.test
+	$(BIN)/python -m pip install --quiet atheris
+	mkdir -p out/fuzz/$*
+	$(BIN)/python test/fuzz_parsers.py $* out/fuzz/$* test/corpus/$* -max_total_time=60 \
+		-artifact_prefix=out/fuzz/$*-
 
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP

@@ -2,13 +2,17 @@
 
 import ast
 from functools import cache
+from itertools import chain
 import os
 from pathlib import Path
 import re
+import subprocess
 import sys
 from xml.etree import ElementTree
 
 from conftest import OPTIONAL
+from environments import OUTSIDE
+from packaging.requirements import Requirement
 import pytest
 import yaml
 
@@ -17,13 +21,13 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 
 # The keys of rosdep for modules that are not called by it.
 KEYS = {name: f'python3-{name}' for name in (
-    'argcomplete', 'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pandas', 'pybind11', 'pytest',
-    'scipy', 'setuptools', 'shapely')}
+    'argcomplete', 'hypothesis', 'joblib', 'matplotlib', 'numpy', 'packaging', 'pandas',
+    'pybind11', 'pytest', 'scipy', 'setuptools', 'shapely')}
 KEYS.update({'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
 # The README's pip line brings Clarabel. rosdep has no key of the others, or only one that installs
 # by pip and would bring NumPy 2; the nodes, their tests and the library do without them.
-FROM_PYPI = {'casadi', 'clarabel', 'cvxpy', 'distributed', 'flask', 'mcap', 'plotly', 'pyarrow',
-             'werkzeug',
+FROM_PYPI = {'atheris', 'casadi', 'clarabel', 'cvxpy', 'distributed', 'flask', 'mcap', 'plotly',
+             'pyarrow', 'werkzeug',
              *(name for names in OPTIONAL.values() for name in names)}
 
 
@@ -93,6 +97,34 @@ def test_the_oldest_versions_that_are_tested_are_the_oldest_that_are_allowed(pac
     assert set(tested) == set(allowed)
     for name, version in allowed.items():
         assert f'{tested[name]}.'.startswith(f'{version}.'), name
+
+
+# Machines for which PyPI has no ROS
+
+
+def test_only_where_pypi_has_ros_is_it_asked_for(packaging):
+    named = [*packaging['install_requires'], *chain(*packaging['extras_require'].values())]
+    for system, machine, has_ros in (
+            ('linux', 'x86_64', True), ('linux', 'aarch64', False), ('darwin', 'arm64', False)):
+        asked = [requirement.name for requirement in map(Requirement, named)
+                 if not requirement.marker or requirement.marker.evaluate({
+                     'sys_platform': system, 'platform_machine': machine})]
+        assert 'numpy' in asked and ('ros-jazzy-rclpy' in asked) == has_ros
+
+
+def test_make_says_at_once_what_works_on_a_machine_without_wheels_of_ros(tmp_path):
+    (tmp_path / 'sitecustomize.py').write_text(
+        "import platform\nplatform.machine = lambda: 'aarch64'\n")
+    command = ['make', f'PYTHON={sys.executable}', f'VENV={tmp_path}/venv']
+    for target, status in (('demo', 2), ('without-ros', 0)):
+        done = subprocess.run([*command, target], cwd=ROOT, text=True, capture_output=True,
+                              env={**OUTSIDE, 'PYTHONPATH': str(tmp_path)})
+        assert done.returncode == status and 'linux-aarch64' in done.stdout
+        assert 'docs/install.md' in done.stdout and 'pip install ".[view]"' in done.stdout
+    assert not (tmp_path / 'venv').exists()
+    plan = subprocess.run([*command, '-n', 'test'], cwd=ROOT, text=True, capture_output=True,
+                          env={**OUTSIDE, 'PYTHONPATH': str(tmp_path)}).stdout
+    assert plan.index('PyPI has no ROS') < plan.index('-m venv')
 
 
 # What others read of the package

@@ -233,7 +233,7 @@ def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
     assert np.array_equal(paths, baseline.positions)
 
 
-def test_the_axis_of_powers_ends_just_below_the_least_power_and_a_baseline_has_one_line_style(plan):
+def test_the_axis_of_powers_ends_just_below_the_least_and_a_baseline_has_one_line_style(plan):
     baseline = fly_hover_fly(plan.scenario)
     page = draw_page(plan, [plan, baseline])
     low, _ = page.layout.yaxis2.range

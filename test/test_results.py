@@ -2,7 +2,6 @@
 
 import csv
 from itertools import product
-import json
 
 import pytest
 from secure_uav_planner.apps.results import save_tables

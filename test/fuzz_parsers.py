@@ -1,0 +1,45 @@
+"""
+Coverage-guided fuzzing of everything that reads a file or the message of a plan.
+
+`python test/fuzz_parsers.py KIND NEW SEEDS -max_total_time=60` changes the seeds of a kind until
+something other than an error of the package's tree is raised, a read takes more than 2 s, or the
+process more than 1 GB. The folder NEW keeps inputs that reach new code. The options are those of
+libFuzzer. `make fuzz` does so for every kind.
+"""
+
+from pathlib import Path
+import sys
+import tempfile
+
+import atheris
+
+with atheris.instrument_imports(include=['secure_uav_planner']):
+    from secure_uav_planner import Origin, Plan, read_zones, Scenario
+    from secure_uav_planner.apps.campaign_file import load_campaign
+    from secure_uav_planner.errors import PlanningError
+
+ORIGIN = Origin(47.4, 8.5)
+READERS = {
+    'mission.yaml': Scenario.load, 'mission.json': Scenario.load, 'campaign.yaml': load_campaign,
+    'zones.geojson': lambda path: read_zones(path, ORIGIN),
+    'zones.kml': lambda path: read_zones(path, ORIGIN),
+    'zones.plan': lambda path: read_zones(path, ORIGIN), 'plan.json': Plan.load}
+
+
+def main():
+    """Fuzz the reader that the command line names."""
+    kind = sys.argv.pop(1)
+    file = Path(tempfile.mkdtemp(), kind)
+
+    def read(data):
+        file.write_bytes(data)
+        try:
+            READERS[kind](file)
+        except PlanningError:
+            pass
+
+    atheris.Setup([*sys.argv, '-timeout=2', '-rss_limit_mb=1024'], read)
+    atheris.Fuzz()
+
+
+main()
