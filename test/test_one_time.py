@@ -190,6 +190,39 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
         assert math.dist(stream.rows['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1
 
 
+def test_after_a_flight_that_ended_off_the_goal_the_next_plan_begins_at_the_vehicle(client):
+    with node_process('planner', **PARAMETERS), node_process(
+            'replay', vehicle_odometry=True, speed=30.0) as replay:
+        stream, places = Stream(client), {'uav1': (100.0, 500.0), 'uav2': (100.0, 500.0)}
+        client.send_paper()
+        publishers = {name: client.publisher(Odometry, f'{name}/odom') for name in places}
+
+        def report():
+            for name, z in (('uav1', 100.0), ('uav2', 110.0)):
+                message = odometry_message(*places[name], stamp=client.now())
+                message.pose.pose.position.z = z
+                publishers[name].publish(message)
+        client.node.create_timer(0.1, report)
+        assert client.call('planner/plan').success
+        wait_for(lambda: client.call('replay/start').success)
+        wait_for(lambda: any('end of the plan' in line for line in replay.lines), what='the end')
+        # A pilot has put one of them down 19 m from its goal, and turns it round.
+        places |= {'uav1': (119.0, -500.0), 'uav2': (100.0, -500.0)}
+        assert client.set_parameters(
+            'planner', uav1__goal=[100.0, 500.0], uav2__goal=[100.0, 500.0])[0].successful
+        wait_for(lambda: abs(float(client.status['track.distance.uav1']) - 19.0) < 0.01)
+        assert client.call('planner/plan').success
+        wait_for(lambda: any('~/start begins it where the UAVs are' in line
+                             for line in replay.lines), what='the plan in the replay')
+        count = len(stream.rows['uav1'])
+        answer = client.call('replay/start')
+        assert answer.success and 'playing' in answer.message or 'begins in' in answer.message
+        wait_for(lambda: stream.last('uav1')[0] > 115.0, what='a setpoint at the vehicle')
+        nearest = min(math.dist(row[1:3], places['uav1']) for row in stream.rows['uav1'][count:])
+        assert nearest < 5.0
+        wait_for(lambda: stream.last('uav1')[1] > 499.0, what='the other end')
+
+
 def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
     with node_process('planner', duration=120.0, slots=40, replan_period=0.5):
         client.plan_paper()

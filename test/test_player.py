@@ -144,6 +144,39 @@ def test_an_ended_and_an_older_plan_are_never_played_again(plan):
     assert not bench.run(1.0).velocities.any()
 
 
+def test_after_its_end_a_flight_holds_nothing_and_a_plan_begins_where_the_uavs_are(plan):
+    """Before, a plan from elsewhere was refused for ever; only ~/reset helped."""
+    bench = start_flight(plan, 150.0)
+    first, second = plan.scenario.uavs
+    other = replace(fly_hover_fly(replace(plan.scenario, uavs=(
+        replace(first, start=(119.0, -503.0), goal=(100.0, 500.0)),
+        replace(second, start=second.goal, goal=second.start)))), start_ns=bench.now + SECOND)
+    assert not bench.player.load(other) and '19.2 m from the last one' in bench.refused[-1]
+    assert '~/start begins it where the UAVs are' in bench.refused[-1]
+    there = [(120.0, -500.0, 100.0), (100.0, -500.0, 110.0)]
+    for places, text in (([None, None], 'of uav1 is not known; the position of uav2 is not'),
+                         ([there[0], None], 'the position of uav2 is not known; call ~/plan'),
+                         ([there[1]] * 2, 'uav1 is 21.7 m from its start; the limit is 5 m')):
+        with pytest.raises(OptionError, match=text):
+            bench.player.start(places, 5.0)
+        assert bench.player.ended and bench.player.streaming  # The last flight still holds.
+    bench.player.start(there, 5.0)
+    assert bench.player.playback.plan is other and bench.player.streaming
+    assert bench.run(STEP).positions[0] == pytest.approx([119.0, -503.0], abs=0.1)
+    bench.run(150.0)
+    assert bench.player.ended and bench.sent[-1][1].positions[0].tolist() == [100.0, 500.0]
+
+
+def test_a_silent_flight_sends_no_power_and_delivers_nothing(plan):
+    bench = start_flight(plan, 40.0)
+    delivered = bench.player.delivered
+    assert bench.sent[-1][1].powers.any() and plan.powers.any()
+    moment = bench.run(20.0, is_silent=True)
+    assert not moment.powers.any() and bench.player.delivered == delivered
+    assert bench.run(STEP).powers.any() and bench.player.delivered > delivered
+    assert math.dist(moment.positions[0], bench.sent[-1][1].positions[0]) <= 10 * STEP + 1e-6
+
+
 def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
     bench = start_flight(plan, 45.0)
     bench.player.reset()

@@ -11,15 +11,18 @@ from fuzzing import Target
 from geometry_msgs.msg import PoseStamped
 import message_package
 from nav_msgs.msg import Odometry, Path
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
     node_here, node_process, pose_message, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
+from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.relay import Relay
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 from strategies import with_uavs
 from test_messages import sent
@@ -331,6 +334,81 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
         relay.kill()
         wait_for(lambda: client.status['relay.uav1'] == 'lost' and (
             'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].message))
+
+
+class Autopilot:
+    """A vehicle that follows the setpoints of MAVROS, and stays where it is without them."""
+
+    step = 0.05
+
+    def __init__(self, packages, client, name, place):
+        self.place, self.velocity, self._target = np.array(place), np.zeros(2), None
+        client.node.create_subscription(
+            packages('mavros_msgs', 'PositionTarget'), f'{name}/mavros/setpoint_raw/local',
+            lambda message: setattr(self, '_target', (time.monotonic(), message)), 10)
+        self._publisher = client.node.create_publisher(
+            Odometry, f'{name}/mavros/local_position/odom', 10)
+        self._now = client.now
+        client.node.create_timer(self.step, self._fly)
+
+    def _fly(self):
+        """Follow the last setpoint by the law of common autopilots, and report."""
+        wanted = np.zeros(2)
+        if self._target is not None and time.monotonic() - self._target[0] < 1.0:
+            at, velocity = self._target[1].position, self._target[1].velocity
+            wanted = (velocity.x, velocity.y) + GAIN * (np.array([at.x, at.y]) - self.place)
+            wanted *= min(1.0, 12.0 / max(np.hypot(*wanted), 1e-9))
+        change = wanted - self.velocity
+        self.velocity = self.velocity + change * min(
+            1.0, 4.0 * self.step / max(np.hypot(*change), 1e-9))
+        self.place = self.place + self.step * self.velocity
+        message = pose_message(Odometry, *self.place, 100.0, stamp=self._now())
+        message.twist.twist.linear.x, message.twist.twist.linear.y = self.velocity.tolist()
+        self._publisher.publish(message)
+
+
+def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_power_meanwhile(
+        packages, client):
+    """The relay is disabled for 3 s, and later killed and started again."""
+    names, options = ('uav1', 'uav2'), {'stack': 'mavros', 'uav1__max_speed': 10.0}
+    powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
+    with node_process('planner', duration=240.0, slots=120, replan_deviation=8.0, replan_lead=3.0,
+                      uav1__max_acceleration=2.5, uav2__max_acceleration=2.5,
+                      uav2__altitude=100.0), \
+            node_process('replay', vehicle_odometry=True) as replay:
+        with node_process('relay', **options) as relay:
+            for name in names:
+                Autopilot(packages, client, name, (100.0, 500.0))
+            wait_for(lambda: all(client.status.get(f'pose_age.{name}/odom', 'none') != 'none'
+                                 for name in names))
+            client.plan_paper()
+            assert client.call('replay/start').success
+
+            def distances():
+                values = [client.status.get(f'track.distance.{name}', 'none') for name in names]
+                return [math.inf if value == 'none' else float(value) for value in values]
+
+            def until_held_and_back():
+                """Wait until both were told off their plan, without power, and are back."""
+                wait_for(lambda: 'uav1 is held ' in client.statuses[-1].message,
+                         what='the word that uav1 is held')
+                wait_for_line(replay, 'no power is sent: ')
+                wait_for(lambda: not any(watts[-1].data for watts in powers), what='silence')
+                wait_for(lambda: max(distances()) < 3.0, what='both on their plan')
+                wait_for(lambda: powers[0][-1].data > 0, what='power again')
+
+            wait_for(lambda: float(client.status.get('track.time', 0.0)) > 8.0 and (
+                max(distances()) < 3.0 and powers[0][-1].data > 0), what='a flight')
+            client.call('relay/enable', SetBool, SetBool.Request(data=False))
+            time.sleep(3.0)
+            client.call('relay/enable', SetBool, SetBool.Request(data=True))
+            until_held_and_back()
+            replay.lines.clear()
+            relay.kill()
+            wait_for(lambda: 'the relay of uav1, /relay, has not reported for ' in (
+                client.statuses[-1].message), what='the name of the relay that died')
+        with node_process('relay', **options):
+            until_held_and_back()
 
 
 @pytest.mark.parametrize('stack, kind, topic', [

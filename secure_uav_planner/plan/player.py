@@ -10,6 +10,7 @@ jump.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -19,6 +20,7 @@ from .flight import Flight, RateLimit, VELOCITY_JUMP
 from .plan import Plan
 from .playback import Moment, Playback
 from ..errors import OptionError, quote
+from ..mission.participants import Uav
 from ..model.curve import GAUSS_LEGENDRE
 
 Point3 = tuple[float, float, float]
@@ -57,6 +59,7 @@ class Player:
         self._silence: float | None = 0.0  # s since the stream ended; None while there is one.
         self._pending: tuple[Playback, float] | None = None  # With the time of its splice in s.
         self._latest: Playback | None = None  # The plan to which a reset returns.
+        self._elsewhere: Playback | None = None  # A plan that begins away from the ended flight.
         self._on_refusal, self._refusal = refuse, ''  # Of that plan, if it was refused.
         self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one is played.
         self._last_tick_ns: int | None = None
@@ -98,7 +101,7 @@ class Player:
         if plan.start_ns is not None and plan.start_ns <= self._flown_ns and not is_revision:
             self.refuse('it begins no later than a plan that has been flown')
             return False
-        self._latest, self._refusal = new, ''
+        self._latest, self._elsewhere, self._refusal = new, None, ''
         if flight is None or not self.streaming:
             self._adopt(Flight(new, new.begin, 0.0))
         elif is_revision:
@@ -117,6 +120,7 @@ class Player:
     def _adopt(self, flight: Flight) -> None:
         """Begin with the flight of another plan."""
         self.flight, self._limit, self._pending = flight, RateLimit(flight.playback), None
+        self._elsewhere = None
         self.delivered = self.largest_jump = 0.0
 
     def _revise(self, revised: Flight) -> None:
@@ -140,7 +144,11 @@ class Player:
         jump = self._explain_jump(flight, elapsed if rate else 0.0)
         if jump:
             self.playing = self.playing and not self.ended
-            self.refuse(f'{lateness}{jump}; call ~/plan again')
+            if self.ended:
+                self._elsewhere = new
+            self.refuse(f'{jump}; ~/start begins it where the UAVs are, if that is its start by '
+                        'odometry; otherwise call ~/reset' if self.ended else
+                        f'{lateness}{jump}; call ~/plan again')
             return False
         self._adopt(flight)
         return True
@@ -168,19 +176,39 @@ class Player:
 
     # Commands
 
-    def start(self) -> None:
+    def start(self, positions: Sequence[Point3 | None] = (), tolerance: float = 0.0) -> None:
         """
         Release the plan: it begins at its own time, or now if that has passed, or resumes.
 
+        A flight that has ended holds nothing: a new plan begins elsewhere if the UAVs are there.
+
+        :param positions: as for unmet_conditions.
+        :param tolerance: likewise.
         :raises OptionError: if there is no plan, or it has ended.
         """
         if self.playback is None:
             raise OptionError('there is no plan yet')
+        if self.ended and self._elsewhere is not None:
+            self._begin_elsewhere(self._elsewhere, positions, tolerance)
         if self.ended:
             newer = (f'the one that came then is not played: {self._refusal}' if self._refusal
                      else 'no newer one has come')
             raise OptionError(f'the plan {self.playback.plan.identity} has ended, and {newer}')
         self.playing = True
+
+    def _begin_elsewhere(self, new: Playback, positions: Sequence[Point3 | None],
+                         tolerance: float) -> None:
+        """Adopt a plan at whose start the UAVs are, or raise an OptionError."""
+        problems = [f'the position of {uav.name} is not known' if position is None else
+                    f'{uav.name} is {distance:.1f} m from its start; the limit is {tolerance:g} m'
+                    for uav, position, distance in _list_distances(new, positions)
+                    if position is None or not distance <= tolerance]
+        if problems or not positions:
+            raise OptionError(
+                f'plan {new.plan.identity} begins elsewhere than where the last flight has ended, '
+                f'and {"; ".join(problems)}; call ~/plan again, or ~/reset and ~/start')
+        self._adopt(Flight(new, new.begin, 0.0))
+        self._last = self.flight.moment
 
     def pause(self) -> bool:
         """Come to rest on the curve and hold; return True if a plan was playing."""
@@ -207,10 +235,9 @@ class Player:
         assert self.playback is not None
         starts, scale = self.playback.at(self.playback.begin).positions, max(1.0, speed)
         last, unmet = self._last, []
-        for index, (uav, position) in enumerate(
-                zip(self.playback.plan.scenario.uavs, positions, strict=True)):
+        for index, (uav, position, distance) in enumerate(
+                _list_distances(self.playback, positions)):
             if position is not None:
-                distance = math.dist(position, (*starts[index], uav.altitude))
                 if not distance <= tolerance:
                     unmet.append(f'{uav.name} to be at its start, {distance:.1f} m away')
             elif last is not None and self._silence is not None:
@@ -225,7 +252,8 @@ class Player:
     # Time
 
     def tick(self, now_ns: int, speed: float = 1.0, eavesdropper: ArrayLike | None = None,
-             is_ready: bool = True, longest: float = 0.5) -> Moment | None:
+             is_ready: bool = True, longest: float = 0.5, is_silent: bool = False
+             ) -> Moment | None:
         """
         Advance to a time and return the setpoints, or None if there are none.
 
@@ -235,6 +263,7 @@ class Player:
         :param is_ready: whether the setpoints may begin.
         :param longest: upper bound on the time since the last call in s; a clock that has advanced
             by more has jumped.
+        :param is_silent: whether no power is sent, so that nothing is delivered.
         :return: setpoints with velocities and accelerations in the clock's time.
         """
         elapsed = 0.0 if self._last_tick_ns is None else (now_ns - self._last_tick_ns) * 1e-9
@@ -253,7 +282,7 @@ class Player:
         if not self._splice(elapsed):
             self.flight = self._advance(now_ns, elapsed, speed if self.playing else 0.0)
             advance = self.flight.time - before.time
-            self._note_advance(before, eavesdropper)
+            self._note_advance(before, eavesdropper, is_silent)
         assert self.flight is not None
         moment = self._last = self.flight.moment
         if last is not None:
@@ -264,7 +293,7 @@ class Player:
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
             self.largest_jump = max(
                 self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
-        return moment
+        return replace(moment, powers=np.zeros_like(moment.powers)) if is_silent else moment
 
     def _advance(self, now_ns: int, elapsed: float, target: float) -> Flight:
         """Return the flight elapsed s later, at a rate as near to the target as is allowed."""
@@ -280,7 +309,8 @@ class Player:
             target, flight, last.velocities, elapsed)
         return _make_flight(flight.playback, flight.time + rate * elapsed, rate)
 
-    def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None) -> None:
+    def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
+                      ) -> None:
         """Note what has been flown and delivered since a state of the same flight."""
         flight = self.flight
         assert flight is not None
@@ -290,8 +320,19 @@ class Player:
         if self.ended and before.state != 'ended':
             # A pending plan begins without another start.
             self.playing = self.playing and self._pending is not None
-        self.delivered += _integrate_rates(
-            flight.playback, before.time, flight.time, eavesdropper)
+        if not is_silent:
+            self.delivered += _integrate_rates(
+                flight.playback, before.time, flight.time, eavesdropper)
+
+
+def _list_distances(playback: Playback, positions: Sequence[Point3 | None]
+                    ) -> list[tuple[Uav, Point3 | None, float]]:
+    """Return each UAV with its position and the distance in m from its start; nan if unknown."""
+    starts = playback.at(playback.begin).positions.tolist()
+    return [(uav, position, math.nan if position is None else
+             math.dist(position, (*start, uav.altitude)))
+            for uav, position, start in zip(
+                playback.plan.scenario.uavs, positions, starts, strict=True)]
 
 
 def _explain_team(plan: Plan, current: Plan) -> str:

@@ -300,7 +300,8 @@ class PlanTracking:
                 f'the follower {quote(self._reports.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
         problems += [
-            f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond {most:g} m'
+            f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond '
+            f'{max(most, flight.playback.plan.scenario.tracking_margin):g} m'
             if flight.is_under_way and self._is_held(name, settings['uavs'].index(name), flight)
             else f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
                  f'{most:g} m'

@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -21,6 +22,7 @@ from .process import run_node
 from .settings import Settings
 from .status import WarningLog
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
+from .vehicles import Vehicles
 from ..errors import brief, OptionError, ParameterError, quote
 from ..mission.scenario import Point
 from ..plan.plan import Plan
@@ -34,7 +36,6 @@ _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower co
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
 _SILENCE = 5.0  # s without a plan, after which paths of another planner are looked for.
-_FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
 class Replay(Node):
@@ -49,7 +50,9 @@ class Replay(Node):
             brief(f'the new plan is not played: {reason}')))
         self._closed, self._ticked = False, time.monotonic()
         self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
-        self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
+        self._vehicles = Vehicles()
+        self._ticked_ns = 0
+        self._lost = set[str]()  # UAVs that are off their plan, so that no power is sent.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
@@ -64,7 +67,7 @@ class Replay(Node):
         if plan is not None:
             self._adopt(plan, self._frame_id)
         else:
-            subscribe(self, TOPICS['replay', 'sub'],
+            subscribe(self, {'plan': TOPICS['replay', 'sub']['plan']},
                       lambda _, message: self._reader.read(message.data), self._group, ())
             self.create_timer(_SILENCE, self._check_publisher, self._group,
                               Clock(clock_type=ClockType.STEADY_TIME))
@@ -72,7 +75,9 @@ class Replay(Node):
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
-        topics = dict(TOPICS['replay', 'pub'])
+        topics, relay = dict(TOPICS['replay', 'pub']), '<uav>/relay'
+        subscribe(self, {relay: TOPICS['replay', 'sub'][relay]}, self._on_relay, self._group,
+                  self._uavs)
         if self._settings['vehicle_odometry']:
             odometry = topics.pop('<uav>/odom')
             subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
@@ -149,31 +154,18 @@ class Replay(Node):
         return tuple(self._settings['true_eavesdropper']) or None
 
     def _on_odometry(self, topic: str, message: Odometry) -> None:
-        self._odometry[topic.partition('/')[0]] = self.get_clock().now().nanoseconds, message
+        self._vehicles.take(topic, message, self.get_clock().now().nanoseconds)
 
-    def _vehicle_position(self, name: str, now_ns: int) -> Point3 | str:
-        """Return the position of a UAV by its odometry in m, or the missing odometry in words."""
-        received, message = self._odometry.get(name, (0, None))
-        if message is None or not 0 <= now_ns - received <= _FRESH * 1e9:
-            return f'odometry of {name}'
-        header, point = message.header, message.pose.pose.position
-        age = (now_ns - (messages.nanoseconds(header.stamp) or received)) * 1e-9
-        place = (point.x, point.y, point.z)
-        if header.frame_id != self._frame_id:
-            return (f'odometry of {name} in frame {quote(self._frame_id)}, that which comes is in '
-                    f'{quote(header.frame_id)}')
-        if not all(map(math.isfinite, place)):
-            return f'finite odometry of {name}, its position is {quote(place)}'
-        if age > _FRESH:
-            return f'odometry of {name} of now, the stamp of that which comes is {age:.1f} s old'
-        return place
+    def _on_relay(self, topic: str, message: DiagnosticStatus) -> None:
+        self._vehicles.relays.take(topic, message)
 
     # Services
 
     def _start(self) -> str:
         """Release the plan; return its next state in words."""
         player, now = self._player, self.get_clock().now().nanoseconds
-        player.start()
+        player.start([None if isinstance(place, str) else place for place in self._places(now)],
+                     self._settings['start_tolerance'])
         self._released_ns = now
         self._unmet = [] if player.streaming else self._unmet_conditions(now)
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
@@ -223,7 +215,9 @@ class Replay(Node):
                 self._update_unmet(self._unmet_conditions(now))
         was_playing = player.playing
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
-                             is_ready=not self._unmet, longest=longest)
+                             is_ready=not self._unmet, longest=longest,
+                             is_silent=self._is_silent(now))
+        self._ticked_ns = now
         if playback is not None:
             self._outputs['plan_time'].publish(messages.plan_time(
                 player.playback.plan, player.flight.time, clock.to_msg(), self._follower))
@@ -234,11 +228,27 @@ class Replay(Node):
         if was_playing and player.ended:
             self._announce_end()
 
+    def _is_silent(self, now_ns: int) -> bool:
+        """Return True where no power may be sent, and log when that is for other UAVs."""
+        player, lost = self._player, dict[str, str]()
+        if player.streaming and player.flight.is_under_way:
+            lost = self._vehicles.find_lost(
+                player.flight, self._ticked_ns, self._frame_id, self._settings['track_tolerance'],
+                now_ns)
+        if {*lost} != self._lost:
+            self.get_logger().warning(f'no power is sent: {"; ".join(lost.values())}' if lost else
+                                      'power is sent again: all UAVs are on their plan')
+        self._lost = {*lost}
+        return bool(lost)
+
+    def _places(self, now_ns: int) -> list[Point3 | str]:
+        """Return the position of each UAV by its odometry, or the missing odometry in words."""
+        return [self._vehicles.position(name, self._frame_id, now_ns) for name in self._uavs]
+
     def _unmet_conditions(self, now_ns: int) -> list[str]:
         """Return the conditions that the first setpoint waits for, in words."""
         settings, is_simulated = self._settings, not self._settings['vehicle_odometry']
-        places = [None if is_simulated else self._vehicle_position(name, now_ns)
-                  for name in self._uavs]
+        places = [None if is_simulated else place for place in self._places(now_ns)]
         unmet = [place for place in places if isinstance(place, str)]
         unmet += self._player.unmet_conditions(
             [None if isinstance(place, str) else place for place in places],

@@ -83,7 +83,9 @@ TOPICS = {
                           'state, rates and ages; also while solving'),
         '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same once a second')},
     ('replay', 'sub'): {
-        'plan': Topic(String, LATCHED, 'what to replay, unless `plan_file` is set')},
+        'plan': Topic(String, LATCHED, 'what to replay, unless `plan_file` is set'),
+        '<uav>/relay': Topic(DiagnosticStatus, SENSOR, 'optional: what becomes of the setpoints '
+                             'of the UAV')},
     ('replay', 'pub'): {
         '<uav>/setpoint/pose': Topic(PoseStamped, STREAM,
                                      'the pose that the UAV should have now'),
