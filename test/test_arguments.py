@@ -84,7 +84,7 @@ def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_p
     call = dict(list_public())[name] if owner is None else getattr(instances[owner], name)
     required = {name: right[name] for name, value in inspect.signature(call).parameters.items()
                 if value.default in (value.empty, REQUIRED)
-                or name in ('position', 'ground_node')}
+                or name in ('position', 'ground_nodes')}
     if 'data' in required:
         required['data'] = getattr(instances[owner], 'to_dict', dict)()
     for value in WRONG:

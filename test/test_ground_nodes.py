@@ -8,7 +8,9 @@ import oracle
 import pytest
 from scipy.optimize import brentq
 from secure_uav_planner import (
-    assess, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve, Uav)
+    assess, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, shortest_duration,
+    solve, Uav, upper_bound)
+from secure_uav_planner.assessment.world import World
 from secure_uav_planner.model.channel import guaranteed_node_rates, worst_case_node_rates
 from secure_uav_planner.model.channel.rates import find_least_rate
 from secure_uav_planner.model.problem import Problem
@@ -245,6 +247,44 @@ def test_a_single_node_is_the_ground_node():
     assert single.ground_node == (0.0, 0.0) and paper.ground_nodes == single.ground_nodes
     assert replace(paper, ground_node=(5.0, 0.0)).ground_nodes == (GroundNode((5.0, 0.0)),)
     assert paper.to_dict() == single.to_dict() and 'ground_nodes' not in paper.to_dict()
+    base = GroundNode((5.0, 0.0), 'base', 2.0)
+    assert replace(paper, ground_nodes=(base,)).ground_node == (5.0, 0.0)
+    assert replace(paper, ground_nodes=(base,), duration=103.0).ground_nodes == (base,)
+    other = Scenario(ground_nodes=single.ground_nodes, eavesdroppers=paper.eavesdroppers,
+                     uavs=paper.uavs, duration=102.0, slots=102)
+    assert other == paper
+    moved = replace(other, ground_nodes=(base,), ground_node=(7.0, 0.0))
+    assert moved.ground_nodes == (replace(base, position=(7.0, 0.0)),)
+
+
+SINGLE = replace(Scenario.paper(104.0, slots=8), eavesdroppers=(Eavesdropper((200.0, 0.0)),))
+TRACK = ((0.0, 0.0, 0.0), (104.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('change', [{'name': 'base'}, {'weight': 2.0}, {'trusted': False}])
+def test_what_a_single_node_is_called_and_weighs_changes_nothing_elsewhere(change):
+    node = replace(SINGLE.ground_nodes[0], **change)
+    scenario = replace(SINGLE, ground_nodes=(node,))
+    for objective in ('guaranteed', 'worst_case'):
+        plan, usual = (solve(mission, objective=objective) for mission in (scenario, SINGLE))
+        assert plan.rate == usual.rate and (plan.positions == usual.positions).all()
+    bounds = [upper_bound(mission, objective=objective) for mission in (scenario, SINGLE)]
+    assert bounds[0].rate == bounds[1].rate
+    assert solve(scenario, 'alternating').rate == solve(SINGLE, 'alternating').rate
+    shortest = [shortest_duration(mission, 40.0) for mission in (scenario, SINGLE)]
+    assert shortest[0].scenario.duration == shortest[1].scenario.duration
+    assert shortest[0].too_short == shortest[1].too_short
+    tails = [cut_tail(whole, 3) for whole in (plan, usual)]
+    assert tails[0].rate == tails[1].rate
+
+
+def test_a_single_node_on_a_track_that_stands_is_planned_like_one_that_stands():
+    moving = replace(SINGLE, ground_node_track=TRACK)
+    assert moving.ground_nodes == (GroundNode(track=TRACK),) and moving.ground_node == (0.0, 0.0)
+    for objective in ('guaranteed', 'worst_case'):
+        plans = [solve(mission, objective=objective) for mission in (moving, SINGLE)]
+        assert plans[0].rate == pytest.approx(plans[1].rate, rel=1e-6)
+    assert replace(moving, ground_node=(0.0, 0.0)) == SINGLE
 
 
 @pytest.mark.parametrize('fields', [
@@ -277,6 +317,23 @@ def test_an_assessment_counts_the_least_of_the_nodes(change):
     assessment = assess(plan, 50)
     assert assessment.promised_rate == plan.guaranteed_rate
     assert (assessment.rates >= plan.guaranteed_rate - 1e-9).all() and assessment.outage == 0
+
+
+@pytest.mark.parametrize('channel', [
+    Channel(los='urban'), Channel(los='urban', rician_k_db=5.0, outage=0.2)])
+def test_an_assessment_draws_for_the_links_of_all_nodes(channel):
+    eve, places = Eavesdropper((200.0, 0.0)), [(0, 0), (0, 200)]
+    for node in range(2):
+        alone, both = (replace(make_mission(nodes, slots=30), channel=channel,
+                               eavesdroppers=(eve,)) for nodes in (places[node:node + 1], places))
+        # Of the other node, nothing is asked any more.
+        both = replace(both, head_starts=1e9 * (np.arange(2) != node))
+        flight = fly_hover_fly(alone)
+        plans = flight, Plan(both, flight.positions, flight.powers,
+                             shares=np.eye(2)[[node] * 30].T)
+        usual, found = (assess(plan, 2000, world=World('fixed', los_distance=0.0)).mean
+                        for plan in plans)
+        assert found == pytest.approx(usual, rel=0.02) and usual > 0.2
 
 
 def test_a_lone_transmitter_serves_nodes_without_the_time_to_visit_them():

@@ -60,6 +60,9 @@ def serve(names):
 FARM = fly_hover_fly(serve('ab'))
 
 
+BARE = {'eavesdroppers': PAPER.eavesdroppers, 'uavs': PAPER.uavs, 'duration': 110, 'slots': 8}
+
+
 def read_mission(**changes):
     """Return the mission of plain values."""
     return Scenario.from_dict(json.loads(json.dumps(PAPER.to_dict())) | changes)
@@ -81,7 +84,8 @@ MISSIONS = [
     (SCOUT, {'start_velocity': (8.0, 8.0)}, 'start_velocity', 'at most max_speed, which is 10'),
     (SCOUT, {'goal_velocity': 3}, 'goal_velocity', 'None or two components'),
     (PAPER, {'ground_node': (math.nan, 0.0)}, 'ground_node', 'is (nan, 0.0)'),
-    (PAPER, {'ground_node': None}, 'ground_node', 'must be two coordinates'),
+    (partial(Scenario, None), BARE, 'ground_nodes', 'ground_node is None; it must be two'),
+    (PAPER, {'head_starts': (100.0,)}, 'head_starts', 'empty, as there is a single ground node'),
     (PAPER, {'slots': 2.5}, 'slots', 'must be a whole number'),
     (PAPER, {'eavesdroppers': ()}, 'eavesdroppers', 'a list of 1 to 32 Eavesdropper'),
     (PAPER, {'uavs': [1]}, 'uavs[0]', 'is 1; it must be a Uav or'),
@@ -126,8 +130,13 @@ MISSIONS = [
      '64.6 m, which leaves'),
     (GroundNode, {}, 'position', 'ground_node.position is None'),
     (GroundNode((0, 0)), {'trusted': 'no'}, 'trusted', 'true or false'),
-    (PAPER, {'ground_nodes': (GroundNode((0, 0)), GroundNode((1, 1)))}, 'ground_node',
+    (serve('ab'), {'ground_node': (1, 1)}, 'ground_node',
      'must be left out where there are ground_nodes'),
+    (serve('ab'), {'ground_node_track': ((0, 0, 0), (1, 1, 1))}, 'ground_node_track', 'left out'),
+    (serve('ab'), {'head_starts': (1.0,)}, 'head_starts', 'a number for each of the 2'),
+    (read_mission, {'ground_nodes': [{'position': [0, 0]}]}, 'ground_node',
+     'must be left out where there are ground_nodes'),
+    (read_mission, {'ground_node': {'weight': 0}}, 'ground_node.weight', 'from 0.001 to 1000'),
     (serve, {'names': 'abcdefghijklmnopq'}, 'ground_nodes', 'a list of 1 to 16 GroundNode'),
     (serve, {'names': 'aa'}, 'ground_nodes[1].name', 'must be unique'),
     (Scenario, {'ground_node': (0, 0)}, '', 'lacks eavesdroppers, uavs, duration, slots'),
@@ -135,7 +144,8 @@ MISSIONS = [
     (CAR, {'error_radius': 60.0}, 'error_radius', 'left out, or that of the track'),
     (CAR, {'position': (0, 0)}, 'position', 'left out, or that of the track'),
     (CAR, {'track': ((0, 1, 1, 1), (9, 2, 2, 2))}, 'position', 'or that of the track'),
-    (DRIVING, {'ground_node': (5.0, 0.0)}, 'ground_node', 'left out, or that of the track'),
+    (DRIVING, {'ground_node': (5.0, 0.0), 'ground_node_track': DRIVING.ground_node_track},
+     'ground_node', 'left out, or that of the track'),
     *((STILL, {'track': track}, path, text) for track, path, text in (
         (((0, 0, 0, 1),), 'track', KNOTS), ('0 0 0 1', 'track', KNOTS), (5, 'track', KNOTS),
         (tuple((t, 0, 0, 1) for t in range(10_001)), 'track', KNOTS),
@@ -176,6 +186,8 @@ OPTIONS = [
     (World, {'channel': {'exponent': 1.0}}, 'channel.exponent', 'must be a number from 2 to 6'),
     (partial(assess, PLAN), {'draws': 0}, 'draws', 'a whole number from 1 to 1000000'),
     (partial(assess, PLAN), {'flown': [[['x']]]}, 'flown', 'of the shape (2, 10, 2)'),
+    (partial(assess, PLAN), {'flown': np.ma.masked_less(np.zeros((2, 10, 2)), 1.0)}, 'flown',
+     'an array of numbers'),
     (partial(assess, PLAN), {'flown': np.zeros((2, 9, 2))}, 'flown', 'of the shape (2, 10, 2)'),
     (partial(assess, PLAN), {'flown': np.full((2, 10, 2), np.nan)}, 'flown', 'finite positions'),
     (partial(assess, PLAN), {'world': World('fixed', positions=((0, 0), (1, 1)))}, '',
@@ -208,8 +220,9 @@ OPTIONS = [
      'another scenario'),
     (partial(upper_bound, make_crowd(3, 1, 6)), {}, '', '2 jammers'),
     (partial(upper_bound, DRIVING), {}, '', 'tracks'),
-    (partial(upper_bound, FARM.scenario), {}, '', '2 ground_nodes'),
-    (partial(solve, FARM.scenario), {'method': 'alternating'}, 'ground_nodes', '2 ground_nodes'),
+    (partial(upper_bound, FARM.scenario), {}, '', 'holds for a single one'),
+    (partial(solve, FARM.scenario), {'method': 'alternating'}, 'ground_nodes',
+     'the mean rate of a single ground node, and this scenario has 2 ground_nodes'),
     *((partial(shortest_duration, PAPER), {'bits': bits}, 'bits', 'must be a number from')
       for bits in (0.0, -1.0, math.inf)),
     *((SETPOINT, {field: value}, field, 'must be from -1e+07 to 1e+07') for field, value in (
@@ -224,6 +237,8 @@ PLANS = [
       for shares in (np.ones((2, 10)), -FARM.shares, FARM.shares[:, 1:])),
     *((PLAN.with_bound, {'bound': bound}, 'bound', 'must be None or a Bound of') for bound in (
         3.0, Bound(Scenario.paper(105, slots=13), 3.0))),
+    *((PLAN, {field: np.ma.masked_greater(getattr(PLAN, field), 0.5)}, field, 'some are masked')
+      for field in ('positions', 'powers')),
     *((partial(change_plan, field), {'index': index, 'value': value}, '', text)
       for field, index, value, text in (
         ('positions', (0, 5, 0), -450.0, 'uav1 moves'),

@@ -124,9 +124,9 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 def explain_refusal(scenario: Scenario) -> str:
     """Return the reason for which a scenario has no bound, in one line; empty if it has one."""
     jammers, nodes = len(scenario.uavs) - 1, scenario.ground_nodes
-    if len(nodes) > 1 or nodes[0].weight != 1:
+    if len(nodes) > 1:
         return (f'scenario has {len(nodes)} ground_nodes; the proof of upper_bound holds for a '
-                'single one of weight 1')
+                'single one')
     if jammers > 1:
         return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
     if not scenario.channel.is_inverse_square:

@@ -38,9 +38,11 @@ def check_sizes(uavs: Sequence[Uav], slots: int, ground_nodes: Sequence[GroundNo
                 head_starts: Sequence[float]) -> Iterator[ScenarioError]:
     """Yield the errors of the numbers of head_starts and of variables."""
     nodes = len(ground_nodes)
-    if len(head_starts) not in (0, nodes):
-        yield ScenarioError(f'head_starts is {quote(head_starts)}; it must be a number for each '
-                            f'of the {nodes} ground_nodes, or empty', ('head_starts',))
+    if len(head_starts) not in (0, nodes if nodes > 1 else 0):
+        allowed = (f'a number for each of the {nodes} ground_nodes, or empty' if nodes > 1 else
+                   'empty, as there is a single ground node')
+        yield ScenarioError(f'head_starts is {quote(head_starts)}; it must be {allowed}',
+                            ('head_starts',))
     most = MAX_COUPLINGS // (3 * len(uavs))**2
     if slots > most:
         yield ScenarioError(f'slots is {slots}; with {len(uavs)} uavs it must be at most {most}, '

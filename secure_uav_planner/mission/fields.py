@@ -358,6 +358,11 @@ class Checked:
     def _check_together(checks: FieldChecks) -> None:
         """Add the errors of values that do not fit each other."""
 
+    @staticmethod
+    def _expand(values: Mapping[Any, Any], errors: ErrorList) -> Mapping[Any, Any]:
+        """Return values by field for those given by name, of which some may stand for others."""
+        return values
+
 
 def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
@@ -369,7 +374,8 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
         raise kind._ERROR(f'{name} is {quote(data)}; it must be {_with_article(kind)} or a '
                           'mapping of its fields')
     defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
-    errors = ErrorList()
+    errors, further = ErrorList(), ErrorList()
+    data = kind._expand(data, further)
     for given in data:
         if given not in defaults:
             near = difflib.get_close_matches(str(given), defaults, 1)
@@ -377,7 +383,6 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
             errors.append(ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,)))
     item = SimpleNamespace(**{field: data.get(field, default)
                               for field, default in defaults.items()})
-    if not errors and not _find_missing(item):
+    if not errors and not further and not _find_missing(item):
         return kind(**data)
-    errors += FieldChecks(kind, item, name)
-    raise_all(errors, kind._ERROR)
+    raise_all([*errors, *FieldChecks(kind, item, name), *further], kind._ERROR)

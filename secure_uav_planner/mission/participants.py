@@ -1,6 +1,7 @@
 """The participants of a mission: UAVs, receivers, and zones and other boundaries of flights."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 import math
 from typing import Any, ClassVar
@@ -9,12 +10,12 @@ import numpy as np
 
 from .fields import (
     Block, Checked, checked_by, checked_name, checked_point, checked_text, checked_truth,
-    FieldChecks, Members, Number, number, Pair, Point, RADIUS)
+    describe_degrees, ErrorList, FieldChecks, Number, number, Pair, Point, RADIUS, read_object)
 from .kinematics import Vehicle
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
 from .validation import Array, checked_array
-from ..errors import OptionError, quote, ScenarioError
+from ..errors import OptionError, prefix_path, quote, ScenarioError
 
 MAX_NODES = 16
 """The most ground nodes."""
@@ -72,7 +73,7 @@ class Eavesdropper(Receiver):
     :param receiver_advantage_db: SNR at its receiver relative to that of the ground node's
         receiver at the same place, in dB: a better antenna or less noise. Guarantees hold for
         every receiver up to that.
-    :param track: of an eavesdropper that moves, the disc at 2 to 1000 times: (t, x, y, radius)
+    :param track: of an eavesdropper that moves, the disc at 2 to 10000 times: (t, x, y, radius)
         each, t in s from point 0 and the rest in m; linear in between, and held before the first
         and after the last. Then position and error_radius are those of the track at point 0; other
         values are an error, so that `replace` of a track needs `position=None, error_radius=None`.
@@ -107,7 +108,7 @@ class GroundNode(Receiver):
     :param position: w_k, (x, y) in m, at altitude zero; left out with a track.
     :param name: used in messages, topics and pictures.
     :param weight: of its rate: the least of the rates divided by weights is maximised.
-    :param track: of a node that moves, its place at 2 to 1000 times: (t, x, y) each, as in the
+    :param track: of a node that moves, its place at 2 to 10000 times: (t, x, y) each, as in the
         track of an Eavesdropper.
     :param trusted: whether it may hear what is sent to other ground nodes; otherwise their leak
         counts it as an eavesdropper at its place.
@@ -124,36 +125,50 @@ class GroundNode(Receiver):
     _OWNER = 'ground node '
 
 
-class _Single(tuple[GroundNode, ...]):
-    """The ground node that Scenario.ground_node describes, which `replace` may change there."""
+def expand_ground_node(values: Mapping[str, Any], errors: ErrorList) -> dict[str, Any]:
+    """
+    Return the values of a Scenario's fields with ground_nodes for ground_node and its track.
+
+    :param values: by name, each of them perhaps wrong.
+    :param errors: those of a ground_node are added, and ground_nodes is None then.
+    """
+    values = dict(values)
+    nodes, place, track = (
+        values.pop(name, None) for name in ('ground_nodes', 'ground_node', 'ground_node_track'))
+    values['ground_nodes'] = None
+    with errors.collecting():
+        values['ground_nodes'] = _list_nodes(nodes, place, track)
+    return values
 
 
-def checked_nodes(value: Any) -> tuple[GroundNode, ...]:
-    """Return ground nodes as a tuple; none where there is a ground_node."""
-    least = 0 if value == () else 1
-    return value if isinstance(value, _Single) else Members(GroundNode, least, MAX_NODES)(value)
-
-
-def unite_ground_nodes(checks: FieldChecks) -> None:
-    """Set ground_nodes of a Scenario by its ground_node, or this by the only one of those."""
-    item, nodes = checks.item, checks.item.ground_nodes
-    if nodes and not isinstance(nodes, _Single):
-        for name in ('ground_node', 'ground_node_track'):
-            if getattr(item, name) is not None:
-                checks.add(name, f'is {quote(getattr(item, name))}; it must be left out where '
-                           'there are ground_nodes')
-        if len(nodes) > 1 or checks or nodes[0] != GroundNode(
-                nodes[0].position, track=nodes[0].track):
-            return
-        object.__setattr__(item, 'ground_node', nodes[0].position)
-        object.__setattr__(item, 'ground_node_track', nodes[0].track)
+def _list_nodes(nodes: Any, place: Any, track: Any) -> Any:
+    """Return ground_nodes, which a ground_node makes or, where `replace` has both, moves."""
+    is_listed = nodes is not None and not (isinstance(nodes, tuple) and not nodes)
+    is_single = isinstance(nodes, tuple) and [*map(type, nodes)] == [GroundNode]
+    if place is None and track is None:
+        if is_listed:
+            return nodes
+        raise ScenarioError(f'ground_node is {quote(None)}; it must be two coordinates (x, y) in '
+                            'm, or there must be a ground_node_track or ground_nodes',
+                            ('ground_nodes',))
+    if is_listed and not is_single:
+        name, value = ('ground_node', place) if track is None else ('ground_node_track', track)
+        raise ScenarioError(f'{name} is {quote(value)}; it must be left out where there are '
+                            'ground_nodes', (name,))
+    if isinstance(place, Mapping) and not describe_degrees(place) and track is None:
+        with prefix_path('ground_node'):
+            return (read_object(GroundNode, place),)
+    with prefix_path('ground_node'):
+        place = None if place is None else checked_point(place)
+    with prefix_path('ground_node_track'):
+        track = None if track is None else checked_track(track, radius=False)
     try:
-        node = GroundNode(item.ground_node, track=item.ground_node_track)
+        return (replace(nodes[0] if is_single else _ORIGIN, position=place, track=track),)
     except ScenarioError as error:
-        checks.append(ScenarioError(str(error), ('ground_node',)))
-    else:
-        object.__setattr__(item, 'ground_node', node.position)
-        object.__setattr__(item, 'ground_nodes', _Single([node]))
+        raise ScenarioError(str(error), ('ground_node',)) from None
+
+
+_ORIGIN = GroundNode((0.0, 0.0))
 
 
 @dataclass(frozen=True)

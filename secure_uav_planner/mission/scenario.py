@@ -1,7 +1,8 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property, partial
+from functools import cached_property
 import math
 from typing import Any, TYPE_CHECKING
 
@@ -12,17 +13,16 @@ from .consistency import (
     check_accelerations, check_durations, check_ends, check_names, check_sizes, MAX_COUPLINGS,
     POSITION_TOLERANCE)
 from .fields import (
-    Block, check_items, checked_by, checked_point, checked_truth, FieldChecks, Members,
-    Number, number, Point, raise_all, refuse, REQUIRED, WholeNumber)
+    Block, check_items, checked_by, checked_truth, ErrorList, FieldChecks, Members, Number, number,
+    Point, raise_all, refuse, REQUIRED, WholeNumber)
 from .geography import Origin
 from .kinematics import DURATION
 from .participants import (
-    Boundaries, checked_nodes, Eavesdropper, GroundNode, MAX_NODES, NoFlyZone, Uav,
-    unite_ground_nodes)
+    Boundaries, Eavesdropper, expand_ground_node, GroundNode, MAX_NODES, NoFlyZone, Uav)
 from .polygons import checked_polygon, Vertices
 from .propagation import Channel
 from .stored import Stored
-from .tracks import checked_track, LEFT_OUT, ReceiverPlaces, Track
+from .tracks import LEFT_OUT, ReceiverPlaces, Track
 from .validation import Array, checked_array, is_sequence, make_unique, read_only
 from ..errors import name_missing_package, prefix_path
 
@@ -64,8 +64,8 @@ class Scenario(Stored):
     UAV 0 transmits to the ground nodes, the others jam. Point n of a trajectory is at time
     n * duration / slots, n = 0..slots+1; power n holds from point n to point n + 1, n = 1..slots.
 
-    :param ground_node: w_0, (x, y) in m, at altitude zero; None with a ground_node_track, or with
-        ground_nodes.
+    :param ground_node: w_0, (x, y) in m at altitude zero, of a single GroundNode with defaults;
+        beside a single one of ground_nodes, where that is now, which `replace` uses.
     :param eavesdroppers: at least one Eavesdropper.
     :param uavs: at least one Uav; names are unique, and all have a max_acceleration or none.
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
@@ -81,12 +81,10 @@ class Scenario(Stored):
     :param channel: a Channel; by default free space.
     :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up;
         otherwise the largest rate of a single one counts.
-    :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
-        each, as in the track of an Eavesdropper. Then ground_node is that at point 0, and another
-        value is an error.
-    :param ground_nodes: up to 16 GroundNode instead of ground_node, between which each slot is
-        shared. A single one with defaults but for its place becomes the ground_node, as that
-        becomes the only one of these.
+    :param ground_node_track: the track of that GroundNode, (t, x, y) at 2 to 10000 times. A
+        ground_node given as well must be its place at point 0.
+    :param ground_nodes: 1 to 16 GroundNode instead of ground_node, between which each slot is
+        shared. A single one is served in all slots, whatever its weight.
     :param head_starts: what each of several ground nodes was delivered before point 0 beyond its
         weight times that of the least served, in bit/Hz, which counts in its mean; none by
         default. cut_tail sets it.
@@ -97,7 +95,6 @@ class Scenario(Stored):
         a question for solve.
     """
 
-    ground_node: Point = field(default=LEFT_OUT, metadata=checked_by(checked_point))
     eavesdroppers: tuple[Eavesdropper, ...] = field(
         default=REQUIRED, metadata=checked_by(Members(Eavesdropper, 1, MAX_MEMBERS)))
     uavs: tuple[Uav, ...] = field(
@@ -112,15 +109,27 @@ class Scenario(Stored):
     tracking_margin: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
     channel: Channel = field(default=Channel(), metadata=checked_by(Block(Channel)))
     colluding: bool = field(default=False, metadata=checked_by(checked_truth))
-    ground_node_track: Track | None = field(
-        default=None, metadata=checked_by(partial(checked_track, radius=False)))
     origin: Origin | None = field(default=None, metadata=checked_by(Block(Origin)))
-    ground_nodes: tuple[GroundNode, ...] = field(default=(), metadata=checked_by(checked_nodes))
+    ground_nodes: tuple[GroundNode, ...] = field(
+        default=LEFT_OUT, metadata=checked_by(Members(GroundNode, 1, MAX_NODES)))
     head_starts: tuple[float, ...] = field(
         default=(), metadata=checked_by(_checked_head_starts, 'bit/Hz'))
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(
+            self, ground_node: Point | None = None,
+            eavesdroppers: tuple[Eavesdropper, ...] = REQUIRED, uavs: tuple[Uav, ...] = REQUIRED,
+            duration: float = REQUIRED, slots: int = REQUIRED, reference_snr_db: float = 80.0,
+            separation: float = 0.0, no_fly_zones: tuple[NoFlyZone, ...] = (),
+            geofence: Vertices | None = None, tracking_margin: float = 0.0,
+            channel: Channel = Channel(), colluding: bool = False,
+            ground_node_track: Track | None = None, origin: Origin | None = None,
+            ground_nodes: tuple[GroundNode, ...] = LEFT_OUT, head_starts: tuple[float, ...] = ()
+            ) -> None:
+        values = {name: value for name, value in locals().items() if name != 'self'}
+        errors = ErrorList()
+        for name, value in self._expand(values, errors).items():
+            object.__setattr__(self, name, value)
+        raise_all([*FieldChecks(Scenario, self, 'Scenario'), *errors])
         raise_all([
             *check_names(self.uavs, self.eavesdroppers, self.ground_nodes),
             *check_sizes(self.uavs, self.slots, self.ground_nodes, self.head_starts),
@@ -129,9 +138,8 @@ class Scenario(Stored):
             *check_durations(self.uavs, self.duration, self.slots)])
 
     @staticmethod
-    def _check_together(checks: FieldChecks) -> None:
-        if checks.are_right('ground_node', 'ground_node_track', 'ground_nodes'):
-            unite_ground_nodes(checks)
+    def _expand(values: Mapping[Any, Any], errors: ErrorList) -> Mapping[Any, Any]:
+        return expand_ground_node(values, errors)
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -158,6 +166,22 @@ class Scenario(Stored):
             uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
                   Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
             duration=duration, slots=slots)
+
+    @property
+    def ground_node(self) -> Point:
+        """Place of the first ground node, at point 0 if it moves, (x, y) in m."""
+        return self.ground_nodes[0].position
+
+    @property
+    def ground_node_track(self) -> Track | None:
+        """Track of the first ground node, None if it stands."""
+        return self.ground_nodes[0].track
+
+    @property
+    def is_plain_node(self) -> bool:
+        """Whether a single ground node has defaults but for its place or track."""
+        return self.ground_nodes == (
+            GroundNode(self.ground_node, track=self.ground_node_track),)
 
     @property
     def slot_duration(self) -> float:
@@ -192,7 +216,12 @@ class Scenario(Stored):
         'uavs', 'max_energy', 'Largest energies of flights, (U,) in J; infinite without a limit.')
     max_accelerations = _stack_field(
         'uavs', 'max_acceleration', 'Largest accelerations, (U,) in m/s^2; likewise.')
-    node_weights = _stack_field('ground_nodes', 'weight', 'Weights of the ground nodes, (G,).')
+
+    @cached_property
+    def node_weights(self) -> Array:
+        """Weights of several ground nodes, (G,); 1 for a single one, with which none competes."""
+        weights = [node.weight for node in self.ground_nodes]
+        return read_only(weights if len(weights) > 1 else [1.0])
 
     def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
         """Return the ReceiverPlaces at times (K,) in s from point 0."""

@@ -24,20 +24,20 @@ class Stored(Checked):
         Return the scenario as plain values of JSON; an infinite ceiling is None.
 
         Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
-        what a track decides.
+        what a track decides; a single ground node with defaults is a ground_node.
         """
         data = asdict(self)  # type: ignore[call-overload]
-        for name in ('channel', 'colluding', 'ground_node_track', 'head_starts', 'origin'):
+        for name in ('channel', 'colluding', 'head_starts', 'origin'):
             if getattr(self, name) == getattr(type(self), name):
                 del data[name]
-        # A ground_node is also the only one of the ground_nodes.
-        del data['ground_nodes' if data['ground_node'] is not None else 'ground_node']
-        if 'ground_node_track' in data:
-            data['ground_node'] = {'track': data.pop('ground_node_track')}
-        for receiver in (*data['eavesdroppers'], *data.get('ground_nodes', ())):
+        for receiver in (*data['eavesdroppers'], *data['ground_nodes']):
             decided = ('track',) if receiver['track'] is None else ('position', 'error_radius')
             for name in decided:
                 receiver.pop(name, None)
+        if self.is_plain_node:  # type: ignore[attr-defined]
+            node, = data.pop('ground_nodes')
+            place = {'track': node['track']} if 'track' in node else node['position']
+            data = {'ground_node': place, **data}
         for zone in data['no_fly_zones']:
             if math.isinf(zone['ceiling']):
                 zone['ceiling'] = None
@@ -55,21 +55,9 @@ class Stored(Checked):
         name = describe_class(cls)
         if not isinstance(data, Mapping):
             return read_object(cls, data, name)  # type: ignore[no-any-return]
-        values = dict(data)
         with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
-            values = convert_points(values, Block(Origin)(values.get('origin')))
-        node = values.get('ground_node')
-        if not isinstance(node, Mapping) or 'latitude' in node or 'ground_nodes' in values:
-            return read_object(cls, values, name)  # type: ignore[no-any-return]
-        try:
-            return read_object(  # type: ignore[no-any-return]
-                cls, {**values, 'ground_node': None, 'ground_nodes': [node]}, name)
-        except ScenarioError as error:
-            for item in (error, *error.further):
-                if item.place[:1] == ('ground_nodes',):
-                    item.place = ('ground_node', *item.place[2:])
-                    item.args = (str(item).replace('ground_nodes[0]', 'ground_node'),)
-            raise
+            data = convert_points(data, Block(Origin)(data.get('origin')))
+        return read_object(cls, data, name)  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """

@@ -84,9 +84,9 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     """
     try:
         array = np.asarray(values, float)
-        fits = not shapes or any(
+        fits = not np.ma.is_masked(values) and (not shapes or any(
             len(shape) == array.ndim and all(wanted in (None, size) for wanted, size in zip(
-                shape, array.shape)) for shape in shapes)
+                shape, array.shape)) for shape in shapes))
     except (TypeError, ValueError, OverflowError):
         fits = False
     if not fits or values is None:

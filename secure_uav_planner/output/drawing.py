@@ -71,7 +71,7 @@ def node_color(scenario, index):
 
 def node_labels(scenario):
     """Return the names of the ground nodes for people, (G,)."""
-    return ['ground node'] if scenario.ground_node is not None else [*scenario.ground_node_names]
+    return ['ground node'] if scenario.is_plain_node else [*scenario.ground_node_names]
 
 
 def style_axes(axes: Any) -> None:

@@ -120,7 +120,7 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
     """Return a scenario with the receivers of a source, those with a track on it."""
     nodes = len(source.ground_nodes)
     return replace(
-        scenario, ground_node=LEFT_OUT, ground_node_track=None,
+        scenario,
         ground_nodes=tuple(map(_set_track, source.ground_nodes, tracks[:nodes])),
         eavesdroppers=tuple(map(_set_track, source.eavesdroppers, tracks[nodes:])))
 

@@ -44,7 +44,7 @@ class Receivers(NamedTuple):
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
         later = move_receivers(scenario, scenario, seconds)
-        return replace(later, ground_node=LEFT_OUT, ground_node_track=None, **{
+        return replace(later, **{
             kind: tuple(old if old.name in self.scheduled else new for old, new in zip(
                 getattr(scenario, kind), getattr(later, kind), strict=True))
             for kind in ('ground_nodes', 'eavesdroppers')})
@@ -90,8 +90,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
             eavesdroppers.append(Eavesdropper(
                 position, radius, name, settings[f'{name}.receiver_advantage_db'], track))
     return Receivers(
-        {'ground_node': LEFT_OUT, 'ground_node_track': None, 'ground_nodes': tuple(nodes),
-         'eavesdroppers': tuple(eavesdroppers)},
+        {'ground_nodes': tuple(nodes), 'eavesdroppers': tuple(eavesdroppers)},
         clock.to_plan(until) if any(moving) else None, notes, frozenset(scheduled))
 
 
