@@ -210,12 +210,12 @@ class _Quote(reprlib.Repr):
         self.maxlevel = 3
 
     def repr1(self, x: Any, level: int) -> str:
-        if type(x).__module__ == 'numpy' and hasattr(x, 'tolist'):
+        if type(x).__module__.partition('.')[0] == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
         if _yaml_notation.get() and (x is None or isinstance(x, bool)):
             return json.dumps(x)
         try:
-            return super().repr1(x, level)
+            return super().repr1(x, level).replace('\n', ' ')
         except ValueError:  # an integer of more digits than Python converts
             return f'<{type(x).__name__} of {x.bit_length()} bits>'
 

@@ -9,7 +9,8 @@ import clarabel
 import numpy as np
 import pytest
 from random_cities import random_city_mission
-from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
+from secure_uav_planner import (
+    Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, solve, Uav)
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
@@ -189,6 +190,25 @@ def test_the_duration_that_the_refusal_of_a_city_names_is_enough_for_all(seed, t
     with pytest.raises(InfeasibleMissionError, match=text) as error:
         fly_hover_fly(scenario)
     check_named_duration(scenario, str(error.value))
+
+
+@pytest.mark.parametrize('start, limit, gap, half, duration, slots', [
+    ((239.66, 280.95), 2.0, -72.28, 2.0, 210.89, 34),  # However long.
+    ((-20.0, 500.0), None, 0.0, 20.0, 1250.0, 20)])  # No way.
+def test_a_narrow_gap_that_long_slots_cannot_pass_is_refused_with_slots_that_can(
+        start, limit, gap, half, duration, slots):
+    west, east = ([(gap + side * x, y)
+                   for x, y in ((2.5, -half), (900, -half), (900, half), (2.5, half))]
+                  for side in (-1, 1))
+    scenario = Scenario(
+        (0.0, 0.0), (Eavesdropper((200.0, 0.0)),),
+        (Uav('uav1', start, (100.0, -500.0), 100.0, 10.0, max_acceleration=limit),),
+        duration, slots, no_fly_zones=(NoFlyZone(west), NoFlyZone(east)),
+        geofence=((-800, -800), (800, -800), (800, 800), (-800, 800)))
+    with pytest.raises(InfeasibleMissionError, match='slots are .* s long, and with') as error:
+        fly_hover_fly(scenario)
+    slots = int(re.search(r'with (\d+) slots such flights', str(error.value))[1])
+    check_flight(fly_hover_fly(replace(scenario, slots=slots)))
 
 
 class Clock:

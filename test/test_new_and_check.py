@@ -35,6 +35,16 @@ def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
     assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
 
 
+def test_check_notes_that_the_rate_is_0_for_certain(tmp_path, capsys):
+    file = tmp_path / 'mission.yaml'
+    for radius, is_covered in ((300.0, True), (30.0, False)):
+        Scenario.paper(error_radius=radius, slots=20).save(file)
+        assert main(['check', str(file)]) == 0
+        out, err = capsys.readouterr()
+        assert 'It can be flown.' in out and is_covered == (
+            'note: the rate is 0: the disc of eavesdropper covers the ground node' in err)
+
+
 WALL = '  - {name: wall, vertices: [[-600, -5], [600, -5], [600, 5], [-600, 5]]}'
 
 

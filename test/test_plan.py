@@ -10,7 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import Bound, Eavesdropper, fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner import (
+    Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.splice import cut_tail
@@ -58,7 +59,11 @@ def test_only_slots_with_a_positive_rate_count():
     ({'eavesdroppers': (Eavesdropper((99.0, 0.0), 10.0), Eavesdropper((5.0, 0.0), 6.0, 'car'))},
      'the disc of car covers the ground node'),
     ({'eavesdroppers': (Eavesdropper((5.0, 0.0), 6.0, receiver_advantage_db=-1.0),)},
-     'more time or power may help')])
+     'more time or power may help'),
+    ({'reference_snr_db': 50.0, 'channel': Channel(exponent=5.0)},
+     'the SNR is -44 dB; is reference_snr_db, 50, right?'),
+    ({'ground_nodes': (GroundNode((0.0, 0.0), 'a', trusted=False), GroundNode((0.0, 0.0), 'b'))},
+     'a is not trusted and is where b is, where it receives the same: no plan can')])
 def test_a_plan_that_carries_nothing_says_why(changes, reason):
     scenario = replace(Scenario.paper(120.0, slots=10), **changes)
     made = fly_hover_fly(scenario)
@@ -66,6 +71,15 @@ def test_a_plan_that_carries_nothing_says_why(changes, reason):
     assert f'no slot carries anything in secret; {reason}' in plan.message.replace(
         'straight below uav1 at peak power ', '')
     assert 'secret' not in fly_hover_fly(Scenario.paper(120.0, slots=10)).message
+
+
+def test_a_plan_of_rate_0_names_the_ground_nodes_that_nothing_is_carried_to():
+    nodes = tuple(GroundNode(place, name) for place, name in (
+        ((0.0, 0.0), 'barn'), ((200.0, 5.0), 'mill'), ((0.0, 200.0), 'farm')))
+    plan = fly_hover_fly(replace(Scenario.paper(120.0, slots=10), ground_nodes=nodes))
+    assert plan.rate == 0 < plan.node_rates[0]
+    assert ('no slot carries anything in secret to mill; the disc of eavesdropper covers the '
+            'ground node mill, where') in plan.message
 
 
 @given(scenario=scenarios())

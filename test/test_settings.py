@@ -12,7 +12,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import DEFAULTS, node_here, refusal
-from secure_uav_planner import GroundNode, Scenario
+from secure_uav_planner import GroundNode, NoFlyZone, Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.mission import METHODS, OBJECTIVES
 from secure_uav_planner.mission.polygons import MAX_VERTICES
@@ -21,7 +21,7 @@ from secure_uav_planner.mission.scenario import MAX_MEMBERS, MAX_ZONES
 from secure_uav_planner.mission.tracks import MAX_SPEED
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
-    PLANNER, read_fields, read_specs, RELAY, REPLAY, Spec)
+    PLANNER, PLANNER_MEMBERS, read_fields, read_member_specs, read_specs, RELAY, REPLAY, Spec)
 from secure_uav_planner.ros.settings import (
     airspace_from, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
@@ -219,6 +219,18 @@ def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
         assert value == getattr(scenario, field)
     assert [values[f'{name}.error_radius'] for name in values['eavesdroppers']] == [
         eve.error_radius for eve in scenario.eavesdroppers]
+
+
+def test_each_zone_of_a_mission_file_becomes_parameters_whatever_its_name():
+    names = ['tower a', 'tower_a', 'Tower-1', '7 Elms', 'uav1', '', 'Z\u00fcrich', 'x' * 200]
+    zones = tuple(NoFlyZone(((x, 0), (x + 9, 0), (x, 9)), name=name)
+                  for x, name in zip(range(900, 1000, 10), names))
+    values = mission_values(replace(Scenario.paper(), no_fly_zones=zones))
+    assert PLANNER['no_fly_zones'].convert('', values['no_fly_zones']) == [
+        'tower_a5', 'tower_a6', 'Tower_1', '_7_Elms', 'uav19', 'zone_6', 'Z_rich', 'x' * 80]
+    read_member_specs(values, PLANNER_MEMBERS)
+    assert [zone.vertices for zone in airspace_from(values)['no_fly_zones']] == [
+        zone.vertices for zone in zones]
 
 
 def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it(client):

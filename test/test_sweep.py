@@ -306,6 +306,22 @@ def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_
     assert len(journal()) >= 67
 
 
+def test_a_fault_of_the_program_is_told_as_one_and_not_planned_again(folder, capsys, monkeypatch):
+    def break_down(*arguments, **options):
+        return [][5]
+    monkeypatch.setattr('secure_uav_planner.apps.tasks.assess', break_down)
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 1')
+                                     + 'assess: {draws: 2}\n')
+    for _ in range(2):
+        assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 1
+        errors = capsys.readouterr().err
+        assert re.search('8 missions met a fault of the program, .* please report it: IndexError: '
+                         r'list index out of range \(test_sweep.py, line \d+\)', errors), errors
+    rows = journal()
+    assert len(rows) == 16
+    assert [row['outcome'] for row in rows].count('fault') == 8
+
+
 def distributed_client(address):
     """Return a client of a scheduler."""
     from distributed import Client

@@ -20,7 +20,8 @@ from .missions import load_input, make_folder
 from .planning import drawing_if_possible
 from .results import make_frame, save_tables
 from .summary import save_figure
-from .tasks import COLUMNS, ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
+from .tasks import (
+    COLUMNS, ERROR, FAULT, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST)
 from ..errors import brief, OptionError, PlanningError, quote, StoppedError
 from ..mission.files import naming
 
@@ -257,3 +258,6 @@ def run_sweep(options: argparse.Namespace) -> None:
     if lost := [row for row in rows if _is_lost(row)]:
         raise PlanningError(f'{len(lost)} missions failed for reasons outside of them, and the '
                             f'same command plans them again: {lost[0]["reason"]}')
+    if faults := [row for row in rows if row['outcome'] == FAULT]:
+        raise PlanningError(f'{len(faults)} missions met a fault of the program, and stay so with '
+                            f'this --out; please report it: {faults[0]["reason"]}')

@@ -22,6 +22,7 @@ from ..model.limits import lift_limits, measure_energies
 from ..model.problem import Problem
 from ..optimize import fly_hover_fly, solve
 from ..output.autopilots import changes
+from ..plan.results import explain_silence
 
 SHORTFALL_DRAWS = 200
 """Draws of the assessment that estimates how often a slot has less than its planned rate."""
@@ -121,6 +122,8 @@ def check_mission(options: argparse.Namespace) -> None:
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.boundaries.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)
+    if (reason := explain_silence(scenario)):
+        print(f'note: the rate is 0: {reason}', file=sys.stderr)
     for note in (*_note_tracks(scenario), *_note_degrees(scenario)):
         print(f'note: {note}', file=sys.stderr)
     if options.autopilot:

@@ -11,6 +11,7 @@ from pkgutil import resolve_name
 import signal
 from threading import current_thread, main_thread
 import time
+import traceback
 from typing import Any, TYPE_CHECKING, TypeAlias
 
 from ..assessment import assess
@@ -38,6 +39,9 @@ COLUMNS = ('key', 'sample', 'method', 'objective', 'outcome', 'reason', 'rate', 
 
 ERROR, WORKER_LOST = 'error', 'worker_lost'
 """Outcomes of infrastructure failures (memory, disk, worker); such missions are retried."""
+
+FAULT = 'fault'
+"""Outcome of an error in the code of this package, or of a planner of one's own."""
 
 _QUEUE_LENGTH = 4  # Submitted tasks for each worker of a cluster.
 _CONNECT_TIMEOUT = 15.0  # In s.
@@ -100,8 +104,12 @@ def run_task(task: Task) -> Row:
         row.update(_solve_task(task), outcome='ok')
     except PlanningError as error:
         row.update(outcome=error.code, reason=str(error))
-    except Exception as error:  # A bug in one mission must not end the campaign.
-        row.update(outcome=ERROR, reason=f'{type(error).__name__}: {error}'[:500])
+    except (MemoryError, OSError) as error:
+        row.update(outcome=ERROR, reason=describe_error(error))
+    except Exception as error:  # A fault in one mission must not end the campaign.
+        *_, last = traceback.extract_tb(error.__traceback__)
+        row.update(outcome=FAULT, reason=f'{describe_error(error)} '
+                   f'({Path(last.filename).name}, line {last.lineno})')
     row['time'] = time.monotonic() - started
     return row
 

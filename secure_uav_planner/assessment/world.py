@@ -169,14 +169,15 @@ def draw_tracking_errors(scenario: Scenario, world: World, draws: int,
 def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: int,
                 seed: int) -> Iterator[Array]:
     """
-    Yield a uniform number for each link in each slot, (U, 1 + E, D).
+    Yield a uniform number for each link in each slot, (U, G + E, D).
 
-    A link has a line of sight where its number is below the probability. The first receiver is
-    the ground node. The numbers of a UAV, whose positions are (U, N, 2) in m, are kept until it
+    A link has a line of sight where its number is below the probability. The first receivers are
+    the ground nodes. The numbers of a UAV, whose positions are (U, N, 2) in m, are kept until it
     has flown a distance in m, with 0 for one slot.
     """
     rng = make_stream(seed, _SIGHT)
-    shape = len(positions), 1 + len(scenario.eavesdroppers), draws
+    receivers = len(scenario.ground_nodes) + len(scenario.eavesdroppers)
+    shape = len(positions), receivers, draws
     numbers = rng.random(shape)
     yield numbers
     way = np.cumsum(np.linalg.norm(np.diff(positions, axis=1), axis=-1), axis=1)
@@ -192,7 +193,7 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
 def draw_fading(rician_k_db: float, links: tuple[int, int], draws: int,
                 seed: int) -> Iterator[Array]:
     """
-    Yield |h|^2 of Rician fading for each link in each slot, (U, 1 + E, D), without end.
+    Yield |h|^2 of Rician fading for each link in each slot, (U, G + E, D), without end.
 
     Its mean is 1: a constant path with K / (K + 1) of the power, and a normal one with the rest.
     """

@@ -53,7 +53,7 @@ def _list_features(plan: Any) -> Iterator[dict[str, Any]]:
         yield make_line('path', np.column_stack([x, y]), uav.name, {'altitude': uav.altitude},
                         times=times, powers=powers)
     for name, node in zip(scenario.ground_node_names, scenario.ground_nodes, strict=True):
-        yield _make_feature('ground_node', name if scenario.ground_node is None else '',
+        yield _make_feature('ground_node', '' if scenario.is_plain_node else name,
                             _make_point(to_degrees(node.position)), {})
     for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
         radius = eve.error_radius

@@ -169,8 +169,15 @@ class Plan(RatedFlight):
             if self.too_short is not None:
                 proven = math.floor(10 * self.too_short) / 10
                 text += f', and no flight of {proven:.1f} s does, which is proven'
-        return text if self.powers[0].any() and self.rate >= _LEAST_RATE else (
-            f'{text}; no slot carries anything in secret; {explain_zero_rate(self.scenario)}')
+        if self.powers[0].any() and self.rate >= _LEAST_RATE:
+            return text
+        served = (self.node_rates + self.scenario.node_offsets
+                  >= _LEAST_RATE * self.scenario.node_weights)
+        silent = [name for name, is_served in zip(
+            self.scenario.ground_node_names, served, strict=True) if not is_served]
+        nodes = f' to {" and ".join(silent)}' if self.powers[0].any() and served.any() else ''
+        return (f'{text}; no slot carries anything in secret{nodes}; '
+                f'{explain_zero_rate(self.scenario)}')
 
     @cached_property
     def identity(self) -> str:
@@ -320,6 +327,8 @@ def _values(plan: Plan) -> tuple[Any, ...]:
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
     try:
+        if np.ma.is_masked(value):
+            raise ValueError('some are masked')
         array = read_only(np.asarray(value) + 0.0)  # Without -0.0, whose bytes differ.
     except (TypeError, ValueError, OverflowError) as error:
         raise PlanError(

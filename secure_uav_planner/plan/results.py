@@ -15,6 +15,7 @@ from ..mission.fields import (
     TIME, WholeNumber)
 from ..mission.scenario import Array, read_only, Scenario
 from ..model import channel
+from ..model.channel.links import make_link
 from ..model.channel.rates import find_least_rate
 from ..model.curve import Curve, mean_guaranteed_rates
 
@@ -39,22 +40,34 @@ _LOWEST_SNR_DB = -30.0  # Below it no slot has more than 0.0015 bit/s/Hz.
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 
-def explain_zero_rate(scenario: Scenario) -> str:
-    """Say why plans of a scenario may carry nothing in secret, or what may help."""
+def explain_silence(scenario: Scenario) -> str:
+    """Say why no plan of a scenario can carry anything in secret, or return an empty string."""
     grounds, centres, radii = scenario.receivers
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
     # By ground nodes, eavesdroppers and slots.
     covers = hears_all[:, np.newaxis] & (
         np.linalg.norm(centres - grounds[:, np.newaxis], axis=-1) <= radii)
-    covered = covers.any(axis=1).all(axis=-1)
-    if covered.any():
-        node = int(covered.argmax())
-        name = scenario.eavesdropper_names[int(covers[node].sum(axis=1).argmax())]
-        label = f' {scenario.ground_node_names[node]}' if len(covers) > 1 else ''
-        return (f'the disc of {name} covers the ground node{label}, where it would receive the '
-                'same: no plan can carry anything')
+    names = scenario.ground_node_names
+    for node, discs in enumerate(covers):
+        if discs.any(axis=0).all():
+            name = scenario.eavesdropper_names[int(discs.sum(axis=1).argmax())]
+            label = f' {names[node]}' if len(names) > 1 else ''
+            return (f'the disc of {name} covers the ground node{label}, where it would receive '
+                    'the same: no plan can carry anything')
+        for listener in scenario.listeners:
+            if listener != node and np.array_equal(grounds[listener], grounds[node]):
+                return (f'{names[listener]} is not trusted and is where {names[node]} is, where '
+                        'it receives the same: no plan can carry anything')
+    return ''
+
+
+def explain_zero_rate(scenario: Scenario) -> str:
+    """Say why plans of a scenario may carry nothing in secret, or what may help."""
     sender = scenario.uavs[0]
-    snr = scenario.reference_snr_db + 10 * math.log10(sender.peak_power / sender.altitude**2)
+    gain = make_link(scenario, 'ground_node').gain(np.zeros((len(scenario.uavs), 1)))
+    snr = 10 * math.log10(max(float(gain[0, 0]) * sender.peak_power, 1e-300))
+    if (reason := explain_silence(scenario)):
+        return reason
     if snr < _LOWEST_SNR_DB:
         return (f'straight below {sender.name} at peak power the SNR is {snr:.0f} dB; is '
                 f'reference_snr_db, {scenario.reference_snr_db:g}, right? `secure_uav_planner '

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import difflib
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -22,11 +23,14 @@ from ..mission.participants import NoFlyZone, Propulsion
 from ..mission.polygons import checked_polygon
 from ..mission.propagation import Channel
 from ..mission.scenario import Point, Scenario, Uav
+from ..mission.validation import make_unique
 from ..optimize.methods import check_objective
 from ..plan.plan import Plan
 
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+
+_MOST_IN_ZONE = 80  # Characters of a zone's name, to which a number may be added.
 
 
 class Settings:
@@ -248,8 +252,9 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
     uavs, channel, origin = mission.uavs, mission.channel, mission.origin
     nodes = dict(zip(mission.ground_node_names, mission.ground_nodes, strict=True))
     eavesdroppers = dict(zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True))
-    zones = {name.replace(' ', '_'): zone
-             for name, zone in zip(mission.zone_names, mission.no_fly_zones, strict=True)}
+    zones = dict(zip(_name_zones(
+        mission.zone_names, [*(uav.name for uav in uavs), *nodes, *eavesdroppers]),
+        mission.no_fly_zones, strict=True))
     is_named = isinstance(channel.los, str)
     values = list_values('planner', mission) | list_values('planner', channel) | {
         'uavs': [uav.name for uav in uavs], 'ground_nodes': [*nodes],
@@ -274,6 +279,12 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
         values |= {f'{name}.vertices': _flatten(zone.vertices), f'{name}.floor': zone.floor,
                    f'{name}.ceiling': 0.0 if zone.ceiling == math.inf else zone.ceiling}
     return values
+
+
+def _name_zones(names: Sequence[str], taken: Sequence[str]) -> tuple[str, ...]:
+    """Return names of zones as prefixes of parameters, unlike each other and those taken."""
+    legal = [re.sub(r'\W|^(?=\d)', '_', name[:_MOST_IN_ZONE], flags=re.ASCII) for name in names]
+    return make_unique([*taken, *legal])[len(taken):]
 
 
 def _flatten(points: Iterable[Point]) -> list[float]:

@@ -1,9 +1,10 @@
 """Initial flights and powers: fly-hover-fly or an earlier plan's, or why a mission has none."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
-from itertools import chain
+from itertools import chain, product
 import math
 from typing import NamedTuple, NoReturn
 
@@ -13,7 +14,7 @@ import shapely
 from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
 from .projection import find_flights_near
 from ..deadline import DeadlineCheck
-from ...errors import InfeasibleMissionError, OptionError, TimeLimitError
+from ...errors import InfeasibleMissionError, OptionError, ScenarioError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.fields import raise_all
 from ...mission.kinematics import DURATION, find_shortest_duration, UTILISATION_TOLERANCE
@@ -27,6 +28,7 @@ from ...plan.plan import Plan
 _LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
 _ACCURACY = 1e-6  # Of durations that the limits of speed and acceleration ask for,
 _ACCURACY_AROUND = 2e-4  # and of those around obstacles.
+_FINER, _LONGER = (2, 4, 8, 16), (1, 4)  # Ratios of slots and durations that are tried.
 _ROUNDING = 1e-4  # Move in m by which retract makes up for rounding errors.
 
 
@@ -132,13 +134,14 @@ def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoRe
             obstructions = [obstruction._replace(shortest=math.nan)
                             for obstruction in obstructions]
         if not obstructions or enough != least and not math.isnan(obstructions[0].shortest):
-            errors.append(_refuse_all(problem, enough))
+            errors.append(_refuse_all(problem, enough, raise_if_over))
     raise_all([*errors, *(obstruction.describe(scenario.duration)
                           for obstruction in obstructions)])
     raise AssertionError('there is at least one error')
 
 
-def _refuse_all(problem: Problem, enough: float | None) -> InfeasibleMissionError:
+def _refuse_all(problem: Problem, enough: float | None, raise_if_over: DeadlineCheck
+                ) -> InfeasibleMissionError:
     """Return the error of UAVs that cannot fly together; a duration in s may be enough."""
     scenario = problem.scenario
     names = ' and '.join(uav.name for uav in scenario.uavs)
@@ -147,7 +150,8 @@ def _refuse_all(problem: Problem, enough: float | None) -> InfeasibleMissionErro
          problem.airspace.separations.any()),
         ('geofence', f'stay inside {GEOFENCE}', scenario.geofence is not None),
         ('no_fly_zones', 'avoid the no-fly zones', scenario.no_fly_zones)) if applies}
-    more = '' if enough is None else f'; with a duration of {enough:g} s, some were'
+    more = (_advise_slots(scenario, raise_if_over) if enough is None else
+            f'; with a duration of {enough:g} s, some were')
     return InfeasibleMissionError(
         f'duration is {scenario.duration:g} s; no flights of {names} were found that '
         f'{" and ".join(kept.values())}{more}', (next(iter(kept)),))
@@ -161,7 +165,8 @@ def _find_obstructions(scenario: Scenario, number: int,
     names = _name_obstacles(alone)
     if fly_direct(alone, 0) is None:
         yield _Obstruction(uav, number, math.inf, (
-            f'no way leads {uav.name} from start to goal: {names} is in its way'))
+            f'no way leads {uav.name} from start to goal: {names} is in its way'
+            f'{_advise_slots(alone.scenario, raise_if_over)}'))
     elif (names or scenario.geofence is not None) and (
             _search_flights(alone, raise_if_over) is None):
         around = f' around {names}' if names else ''
@@ -178,7 +183,24 @@ def _find_obstructions(scenario: Scenario, number: int,
                 return
         yield _Obstruction(uav, number, math.inf, (
             f'no flight was found that takes {uav.name} from start to goal{around} '
-            f'at {uav.limits_text}, {searched}'))
+            f'at {uav.limits_text}, {searched}{_advise_slots(alone.scenario, raise_if_over)}'))
+
+
+def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
+    """Return a text that names shorter slots with which flights are found; empty if none do."""
+    # A slot's piece of a flight is straight, and may be too long for a narrow gap.
+    with suppress(TimeLimitError):
+        for longer, factor in product(_LONGER, _FINER):
+            slots, duration = factor * scenario.slots, longer * scenario.duration
+            with suppress(ScenarioError):  # So many slots, or so long a duration.
+                finer = Problem(replace(scenario, slots=slots, duration=duration))
+                if all(fly_direct(finer, number) is not None
+                       for number in range(len(scenario.uavs))) and (
+                           _search_flights(finer, raise_if_over) is not None):
+                    more = '' if longer == 1 else f' and a duration of {duration:g} s'
+                    return (f'; slots are {scenario.slot_duration:g} s long, and with {slots} '
+                            f'slots{more} such flights were found')
+    return ''
 
 
 def _name_obstacles(problem: Problem) -> str:
