@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from .tasks import ERROR, Row, WORKER_LOST
+from .tasks import ERROR, FAULT, Row, WORKER_LOST
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..mission.geography import Origin
@@ -51,7 +51,8 @@ def draw_figure(rows: Sequence[Row]) -> Any:
     """
     from ..output.figures import own_settings
     with own_settings():
-        return _draw_figure([row for row in rows if row['outcome'] not in (ERROR, WORKER_LOST)])
+        return _draw_figure([
+            row for row in rows if row['outcome'] not in (ERROR, FAULT, WORKER_LOST)])
 
 
 def name_field(field: str) -> str:
