@@ -92,9 +92,9 @@ geofence: {fence or 'null'}
 
 @pytest.mark.parametrize('knots, notes', [
     ([[0, 200, -100, 10], [121, 200, 100, 10]], []),
-    ([[500, 0, 0, 1], [600, 0, 9, 1]], ['covers 0 of 121 s']),
-    ([[-9, 0, 0, 1], [60.5, 0, 9, 1]], ['covers 60.5 of 121 s']),
-    ([[0, 0, 0, 1], [121000, 0, 900, 1]], ['lasts 121000 s, the flight 121 s: s?']),
+    ([[500, 50, 0, 1], [600, 50, 9, 1]], ['covers 0 of 121 s']),
+    ([[-9, 50, 0, 1], [60.5, 50, 9, 1]], ['covers 60.5 of 121 s']),
+    ([[0, 50, 0, 1], [121000, 50, 900, 1]], ['lasts 121000 s, the flight 121 s: s?']),
     ([[0, 8.53, 47.37, 10], [121, 8.54, 47.38, 10]], ['within 1 m, and 461.'])])
 def test_check_notes_a_track_that_hardly_meets_the_flight(tmp_path, capsys, knots, notes):
     file = tmp_path / 'mission.yaml'
