@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .fields import (
-    Block, Checked, checked_by, checked_name, checked_point, checked_text, checked_truth,
-    describe_degrees, ErrorList, FieldChecks, Number, number, Pair, Point, RADIUS, read_object)
+    Block, check_degrees, Checked, checked_by, checked_name, checked_point, checked_text,
+    checked_truth, ErrorList, FieldChecks, Number, number, Pair, Point, RADIUS, read_object)
 from .kinematics import Vehicle
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .tracks import checked_track, interpolate, LEFT_OUT, set_by_track, Track
@@ -155,10 +155,10 @@ def _list_nodes(nodes: Any, place: Any, track: Any) -> Any:
         name, value = ('ground_node', place) if track is None else ('ground_node_track', track)
         raise ScenarioError(f'{name} is {quote(value)}; it must be left out where there are '
                             'ground_nodes', (name,))
-    if isinstance(place, Mapping) and not describe_degrees(place) and track is None:
-        with prefix_path('ground_node'):
-            return (read_object(GroundNode, place),)
     with prefix_path('ground_node'):
+        if isinstance(place, Mapping) and track is None:
+            check_degrees(place)
+            return (read_object(GroundNode, place),)
         place = None if place is None else checked_point(place)
     with prefix_path('ground_node_track'):
         track = None if track is None else checked_track(track, radius=False)
