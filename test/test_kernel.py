@@ -16,9 +16,10 @@ import numpy as np
 import oracle
 import pytest
 from random_cities import random_city_mission
-from secure_uav_planner import Scenario
+from secure_uav_planner import Eavesdropper, Scenario
 from secure_uav_planner.errors import NumericalError, StoppedError
 from secure_uav_planner.model import kernel
+from secure_uav_planner.model.grid import Receivers
 from secure_uav_planner.model.kernel import core
 from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.lines import LineLimit
@@ -73,9 +74,10 @@ LINES = {
     'free ends': with_uavs(city_mission(0, 1), start_velocity=None, goal_velocity=None)}
 
 
-def check_model(grid, x, mu, rng):
+def check_model(grid, x, mu, rng, receivers=None):
     """Compare the barrier function and its gradient, along three directions, with the oracle."""
-    [value], [gradient], _ = oracle.model(InteriorPointSolver(grid, x[None], mu))
+    [value], [gradient], _ = oracle.model(
+        InteriorPointSolver(grid, x[None], mu, receivers=receivers))
     assert value == pytest.approx(
         oracle.barrier(grid, x, mu, oracle.SOFTENING), rel=1e-9, abs=1e-9)
     for direction in rng.normal(size=(3, *x.shape)):
@@ -102,6 +104,27 @@ def test_the_largest_scenario_follows_the_formulas_too():
     barrier = InteriorPointSolver(grid, x[None], 1e-2)
     barrier.advance(1, 1e-3)
     assert smallest_slack(grid, barrier.x[0]) > 0 and not np.array_equal(barrier.x[0], x)
+
+
+@pytest.mark.parametrize('copies', [1, 3])
+@pytest.mark.parametrize('spread', [0.0, 0.3, 300.0])
+def test_the_largest_of_many_leaks_is_exact_however_near_they_are(monkeypatch, spread, copies):
+    rng, paper = np.random.default_rng(0), Scenario.paper(120.0)
+    places = paper.eavesdroppers[0].position + spread * rng.normal(size=(32, 2))
+    grid, x = find_interior(replace(paper, eavesdroppers=tuple(
+        Eavesdropper(tuple(place), 0.0) for place in places)), 6)
+    # Three places for each eavesdropper, as problem (P1) has them: 96 leaks at once.
+    receivers = Receivers.of(grid).at_places(np.repeat(
+        [(places - grid.origin) / grid.length], copies, axis=1).repeat(6, axis=0))
+    rates = oracle.rates
+
+    def repeat_leaks(*arguments):
+        ground, leaks = rates(*arguments)
+        return ground, np.repeat(leaks, copies, axis=-1)
+
+    monkeypatch.setattr(oracle, 'rates', repeat_leaks)
+    for mu in (1e-1, 1e-3, 1e-5):
+        check_model(grid, x, mu, rng, receivers)
 
 
 @settings(max_examples=10)

@@ -37,10 +37,16 @@ private:
 // sum mu / (t - value) = 1 from the left of its root, so without overshooting. The values become
 // their slacks t - value, and log(slack / mu) is added to `gaps`.
 inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps) {
+    // Eight steps are enough for 16 values, as a step far from the root doubles t; more values take
+    // more steps, until one from this excess of the sum has led to rounding.
+    constexpr int STEPS = 8;
+    constexpr double NEAR = 1e-8;
     const double largest = *std::max_element(values, values + count);
-    double t = 1.0;
-    for (int step = 0; step < 8; ++step) {
-        double sum = 0.0, squares = 0.0;
+    double t = 1.0, before = 0.0, sum = 0.0;
+    for (int step = 0; t != before && (step < STEPS || sum > 1.0 + NEAR); ++step) {
+        double squares = 0.0;
+        before = t;
+        sum = 0.0;
         for (int i = 0; i < count; ++i) {
             const double inverse = 1.0 / (t + (largest - values[i]) / mu);
             sum += inverse;
