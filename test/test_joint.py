@@ -1,5 +1,6 @@
 from dataclasses import replace
 from functools import partial
+from itertools import count
 import subprocess
 import sys
 
@@ -146,6 +147,26 @@ def test_the_callback_stops_the_run_with_the_best_plan_so_far(objective, calls):
     assert list(plan.history) == iterations
     # An iterate for (P2) may be better for (P1) before it is reported as that.
     assert plan.rate >= max(iteration.rate for iteration in iterations) - 5e-6
+
+
+@pytest.mark.parametrize('ending', ['callback', 'failure'])
+@pytest.mark.parametrize('steps', [10, 36, 45])
+def test_whatever_ends_the_run_the_best_iterate_counts(monkeypatch, ending, steps):
+    """Fly-hover-fly has 2.13, and the first start 2.5 after ten steps."""
+    advance, numbers = InteriorPointSolver.advance, count(1)
+
+    def fail_later(solver, most, final):
+        if next(numbers) > steps:
+            raise NumericalError('no Newton step could be computed')
+        return advance(solver, 1, final)
+
+    if ending == 'failure':
+        monkeypatch.setattr(InteriorPointSolver, 'advance', fail_later)
+    plan = solve(Scenario.paper(1000.0, 10.0, slots=1000),
+                 on_iteration=lambda iteration: ending == 'callback' and iteration.number == steps)
+    assert plan.status == {'callback': 'cancelled', 'failure': 'numerical_trouble'}[ending]
+    assert plan.rate > (4.2 if steps > 30 else 2.5)
+    assert plan.history[-1].rate == pytest.approx(plan.rate, rel=1e-9)
 
 
 @pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])

@@ -152,8 +152,8 @@ class Incumbent:
         """Return the iterate as a Plan, in which slots that carry nothing are silent."""
         if not self.deadline.is_over():
             self.try_idle_slots()
-            if self.rate > self.history[-1].rate:
-                self.report(self.history[-1].step)
+        if self.rate > self.history[-1].rate:
+            self.report(self.history[-1].step)
         return Plan(self.scenario, self.positions, self.useful_powers, method, status,
                     tuple(self.history), self.deadline.elapsed,
                     objective=self.objective, shares=self.shares)

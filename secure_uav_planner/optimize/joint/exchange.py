@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .interior_point import (
-    Discs, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, TRY_EVERY, WARM_MU, WARM_SHARE)
+    Discs, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, WARM_MU, WARM_SHARE)
 from .starts import make_strictly_feasible
-from ...errors import NumericalError, StoppedError, TimeLimitError
+from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
 from ...model.channel.rates import find_least_rate, find_shares, include_listeners
@@ -60,10 +60,7 @@ def descend_by_exchange(driver: SolverDriver, x: Array, mu: float) -> Array:
     descended = []
     for start in x:
         exchange = _Exchange(driver, driver.grid, start, mu)
-        for _ in range(MORE_STEPS):
-            exchange.step(PLACES_FINAL_MU)
-            if exchange.is_done:
-                break
+        driver.descend(exchange, PLACES_FINAL_MU, MORE_STEPS)
         descended.append(exchange.best)
     return np.array(descended)
 
@@ -83,24 +80,8 @@ def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
 
 def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
     """Improve the incumbent in one round; return also True if places came to rest."""
-    incumbent = driver.incumbent
     exchange = _Exchange(driver, driver.grid, x, mu)
-    # The proof of a worst case pays only for iterates that seem better than the incumbent.
-    tried = incumbent.rate * np.log(2)
-    for step in range(1, steps + 1):
-        try:
-            exchange.step(PLACES_FINAL_MU)
-        except (StoppedError, TimeLimitError):
-            driver.try_variables(exchange.best)
-            raise
-        if exchange.rate > tried and (
-                exchange.is_done or step == steps or step % TRY_EVERY == 0):
-            driver.try_variables(exchange.best)
-            tried = exchange.rate
-        if exchange.is_done:
-            incumbent.report('joint')
-            return 'converged', exchange.at_rest
-    return 'iteration_limit', False
+    return driver.finish(exchange, PLACES_FINAL_MU, steps), exchange.at_rest
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
@@ -109,8 +90,7 @@ def _explore(driver: SolverDriver, optima: Optima) -> Array:
     for x in optima.x[:EXPLORED]:
         exchange = _Exchange(driver, optima.grid, x, EXPLORING_MU)
         with suppress(NumericalError):
-            for _ in range(EXPLORING_STEPS):
-                exchange.step(EXPLORING_FINAL_MU)
+            driver.advance(exchange, EXPLORING_STEPS, EXPLORING_FINAL_MU)
         if exchange.rate > rate:
             best, rate = exchange.best, exchange.rate
     return best
@@ -118,41 +98,56 @@ def _explore(driver: SolverDriver, optima: Optima) -> Array:
 
 class _Exchange:
     """
-    Newton steps from a start, (N, U, 3), between which places are exchanged.
+    A Solver of Newton steps from a start, (N, U, 3), between which places are exchanged.
 
     :ivar best: the best iterate so far, and its `rate` in nats, see WorstPlaces, less the price
         of its energy.
     """
 
     def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float) -> None:
-        self._driver, self._tolerance = driver, WORSE * grid.rate
+        self.grid, self._driver, self._tolerance = grid, driver, WORSE * grid.rate
         self._places = WorstPlaces(grid, x)
         self._solver = InteriorPointSolver(
             grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
             driver.prices)
         self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
+        # The proof of a worst case pays only for iterates that seem better than the incumbent.
+        self._proposed = driver.incumbent.rate * np.log(2)
         self._last_steps = 0  # With the barrier parameter of the end.
 
     @property
     def at_rest(self) -> bool:
         """Whether steps and places have come to an end."""
-        return bool(self._solver.finished.all())
+        return self._solver.is_done
 
     @property
     def is_done(self) -> bool:
         """Whether nothing more is gained; places may oscillate, by ever less."""
         return self.at_rest or self._last_steps >= FINAL_STEPS
 
-    def step(self, final_mu: float) -> None:
-        """Take a step, and raise as Deadline.raise_if_over does."""
-        self._driver.step(self._solver, final_mu)
+    @property
+    def solver_time(self) -> float:
+        """Time in the kernel, in s."""
+        return self._solver.solver_time
+
+    def propose(self) -> Array | None:
+        """Return the best iterate, or None if it is no better than what was proposed before."""
+        if self.rate <= self._proposed:
+            return None
+        self._proposed = self.rate
+        return self.best
+
+    def advance(self, steps: int, final: float) -> int:
+        """Take a step, and raise as InteriorPointSolver.advance does."""
+        self._solver.advance(1, final)
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
         self._solver.exchange(self._places.receivers, self._places.discs, worse)
         self._last_steps += int(self._solver.mu[0] <= PLACES_FINAL_MU)
-        rate = self._places.rate - self._driver.find_cost(self._solver.grid, x)
+        rate = self._places.rate - self._driver.find_cost(self.grid, x)
         if rate > self.rate:
             self.best, self.rate = x.copy(), rate
+        return 1
 
 
 class WorstPlaces:

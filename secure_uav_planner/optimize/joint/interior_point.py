@@ -1,7 +1,7 @@
 """A primal-dual interior-point method for (P1) and (P2), for several starts side by side."""
 
 import time
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,16 @@ class InteriorPointSolver:
         self._core.evaluate_rates(rates)
         return rates / self.grid.rate
 
+    @property
+    def is_done(self) -> bool:
+        """Whether all starts are finished."""
+        return bool(self.finished.all())
+
+    def propose(self) -> Array | None:
+        """Return the variables of the best start, (N, U, 3)."""
+        best: Array = self.x[self.rates().argmax()]
+        return best
+
     def advance(self, steps: int, final: float) -> int:
         """
         Take up to `steps` steps from every start, as many as are short together.
@@ -106,6 +116,23 @@ class Optima(NamedTuple):
 
     grid: Grid
     x: Array
+
+
+class Solver(Protocol):
+    """What a SolverDriver drives: an InteriorPointSolver, or one whose receivers change."""
+
+    grid: Grid
+    solver_time: float
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing more is gained by steps."""
+
+    def advance(self, steps: int, final: float) -> int:
+        """Take up to `steps` steps, and return their number."""
+
+    def propose(self) -> Array | None:
+        """Return variables (N, U, 3) to be tried, or None if nothing seems worth it."""
 
 
 class SolverDriver:
@@ -139,17 +166,17 @@ class SolverDriver:
         return InteriorPointSolver(grid, x, mu, self.raise_if_over,
                                    Receivers.of(grid, self.elevation_offset), prices=self.prices)
 
-    def advance(self, solver: InteriorPointSolver, steps: int, mu: float) -> None:
+    def advance(self, solver: Solver, steps: int, mu: float) -> None:
         """Take a number of steps from every start."""
-        while steps > 0:
-            steps -= self.step(solver, mu, steps)
+        self._take_steps(solver, mu, steps, at_once=steps)
 
-    def descend(self, solver: InteriorPointSolver, mu: float, steps: int = MOST_STEPS) -> None:
-        """Take steps until all starts are finished, at most a number."""
-        for _ in range(steps):
-            self.step(solver, mu)
-            if solver.finished.all():
-                break
+    def descend(self, solver: Solver, mu: float, steps: int = MOST_STEPS) -> Status:
+        """Take steps until a solver is done, at most a number."""
+        return self._take_steps(solver, mu, steps)
+
+    def finish(self, solver: Solver, mu: float = FINAL_MU, steps: int = MOST_STEPS) -> Status:
+        """Descend as far as that, and propose what is found now and then."""
+        return self._take_steps(solver, mu, steps, try_every=TRY_EVERY)
 
     def refine_to_full_grid(self, coarse: Grid, x: Array,
                             mu: float | Array) -> InteriorPointSolver:
@@ -177,42 +204,44 @@ class SolverDriver:
                 mu = np.maximum(mu, REFINED_MU)
         return self.build_solver(grid, x, mu)
 
-    def finish(self, solver: InteriorPointSolver) -> Status:
-        """Converge on the full grid; return the status."""
-        for step in range(1, MOST_STEPS + 1):
-            self.step(solver, FINAL_MU, try_finished=True)
-            if solver.finished.all():
-                return 'converged'
-            if step % TRY_EVERY == 0:
-                self.try_best(solver)
-        self.try_best(solver)
-        return 'iteration_limit'
-
-    def step(self, solver: InteriorPointSolver, mu: float, steps: int = 1,
-             try_finished: bool = False) -> int:
+    def _take_steps(self, solver: Solver, mu: float, steps: int, at_once: int = 1,
+                    try_every: int = 0) -> Status:
         """
-        Take up to `steps` steps together, report them, and raise as Deadline.raise_if_over does.
+        Take steps until a solver is done; report each to the incumbent.
 
-        :param try_finished: whether to propose finished starts before the step is reported.
-        :return: the number of steps.
+        Whatever ends the steps by an error, the best that they have found is proposed before.
+
+        :param mu: to which the barrier parameter is lowered.
+        :param steps: the most steps.
+        :param at_once: steps between two looks at whether the solver is done, in which case it
+            takes all of them.
+        :param try_every: steps between two proposals on the full grid; 0 for no proposal.
         """
-        before = solver.solver_time
+        taken = 0
         try:
-            taken = solver.advance(steps, mu)
-        except (StoppedError, TimeLimitError):
+            while taken < steps:
+                before = solver.solver_time
+                count = solver.advance(min(at_once, steps - taken), mu)
+                self.incumbent.solver_time += solver.solver_time - before
+                taken += count
+                is_done = at_once == 1 and solver.is_done
+                if try_every and (is_done or taken == steps or taken % try_every == 0):
+                    self.try_best(solver)
+                for _ in range(count):
+                    self.incumbent.report('joint')
+                    self.raise_if_over()
+                if is_done:
+                    return 'converged'
+        except (StoppedError, TimeLimitError, NumericalError):
             self.try_best(solver)
             raise
-        self.incumbent.solver_time += solver.solver_time - before
-        if self.incumbent.deadline.is_over() or try_finished and solver.finished.all():
-            self.try_best(solver)
-        for _ in range(taken):
-            self.incumbent.report('joint')
-            self.raise_if_over()
-        return taken
+        return 'iteration_limit'
 
-    def try_best(self, solver: InteriorPointSolver) -> None:
-        """Propose the best start of an InteriorPointSolver to the incumbent, on the full grid."""
-        x = solver.x[solver.rates().argmax()]
+    def try_best(self, solver: Solver) -> None:
+        """Propose what a solver proposes to the incumbent, on the full grid."""
+        x = solver.propose()
+        if x is None:
+            return
         if solver.grid.slots != self.grid.slots:
             x = solver.grid.refine(x, self.grid.slots)
         self.try_variables(x)
