@@ -1,4 +1,4 @@
-"""Monte Carlo: the rates of a plan in many worlds, and what they say of it."""
+"""Monte Carlo: the rates of a plan in many random worlds."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_DRAWS = 10**6
-"""With so many, a slot of two UAVs takes about 0.2 GB."""
+"""Largest number of draws; a slot of two UAVs takes about 0.2 GB with it."""
 
-_ROUNDING = 1e-9  # bit/s/Hz, by which a rate may be below its promise without an outage.
+_ROUNDING = 1e-9  # Shortfall of a rate [bit/s/Hz] that is not yet an outage.
 
 FAN = (0.05, 0.25, 0.5, 0.75, 0.95)
 """The quantiles of the rate in each slot."""
@@ -32,17 +32,17 @@ FAN = (0.05, 0.25, 0.5, 0.75, 0.95)
 @dataclass(frozen=True, eq=False)
 class Assessment:
     """
-    The secrecy rates of a plan in the drawn worlds, and how often slots miss theirs.
+    Secrecy rates of a plan in the drawn worlds, and outages of its slots.
 
     The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
-    equation (6), with the gains that the channel has in each slot; with several ground nodes, the
-    least of their means in their shares, over their weights. The rate of a slot is that of all
-    nodes together.
+    equation (6), with the drawn gains of the channel. With several ground nodes, it is the least
+    of their mean rates, each divided by the node's weight. The rate of a slot is the sum over the
+    nodes.
 
     :ivar plan: the Plan.
     :ivar world: how the world may differ.
     :ivar draws: D, how many worlds were drawn.
-    :ivar seed: of the draws.
+    :ivar seed: seed of the draws.
     :ivar rates: secrecy rate of the mission in each draw, (D,) in bit/s/Hz.
     :ivar fan: quantiles FAN of the secrecy rate in each slot, (5, N) in bit/s/Hz.
     :ivar outages: share of the draws in which the rate of a slot is below the promised one, (N,).
@@ -50,7 +50,7 @@ class Assessment:
         in each draw, (D,) in bit/Hz.
     :ivar promised_rates: the rates of the plan's objective, where they are above 0, (N,) in
         bit/s/Hz.
-    :ivar is_flown: whether the positions are those of a flight instead of the plan's.
+    :ivar is_flown: whether positions of a flight are assessed instead of the plan's.
     """
 
     plan: Plan
@@ -146,7 +146,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
 
     :param plan: a Plan.
     :param draws: how many worlds are drawn.
-    :param seed: of the draws; the same seed gives the same draws on any machine.
+    :param seed: seed of the draws; the same seed gives the same draws on any machine.
     :param world: how the world may differ; by default only in what the plan allows for: the
         eavesdroppers are anywhere in their discs, lines of sight and fading are drawn.
     :param flown: where the UAVs really were at the times of the slots, (U, N, 2) in m, instead of
@@ -205,7 +205,7 @@ def _check_numbers(draws: Any, seed: Any) -> None:
 
 
 def promised_rates(plan: Plan) -> Array:
-    """Return the promised rate of each slot: that of the plan's objective, at least 0, (N,)."""
+    """Return the promised rate of each slot by the plan's objective, at least 0, (N,)."""
     rates = plan.guaranteed_rates if plan.objective == 'guaranteed' else plan.worst_case_rates
     return read_only(np.maximum(rates, 0.0))
 
@@ -237,7 +237,7 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
         sights = draw_sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
         fading = draw_fading(channel.rician_k_db, (len(positions), count), draws, seed)
-    # The mean gain, of which lines of sight and fading are drawn.
+    # The link has mean gains; lines of sight and fading are drawn on top.
     link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
     slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None],

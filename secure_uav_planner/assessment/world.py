@@ -1,10 +1,10 @@
 """
-How the world may differ from what a plan was made for, and draws of it, slot after slot.
+Differences between the world and a plan's assumptions, and their random draws slot by slot.
 
 Every kind of draw has a stream of its own, a PCG64 whose seed sequence is spawned from one seed:
-which other kinds are drawn does not change it. NumPy promises the bits of PCG64 for good. Of
-`Generator.random` and `Generator.standard_normal`, which make numbers of them, it promises the
-same within a version; they have not changed from NumPy 1.26 to the newest, which a test pins.
+no kind depends on which other kinds are drawn. NumPy promises the bits of PCG64 for ever, and
+`Generator.random` and `Generator.standard_normal` within a version only. Both have not changed
+from NumPy 1.26 to the newest, which a test pins.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ from ..mission.propagation import Channel
 from ..mission.scenario import Array, Scenario
 
 CONFIDENCE = 0.95
-"""Probability of the disc where a normal place has no covariance of its own, as in the planner."""
+"""Probability that a normal place without a covariance is in its disc, as in the planner."""
 
 _PLACES, _SIGHT, _FADING, _TRACKING = range(4)  # Kinds of draws.
 
@@ -139,7 +139,7 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
 
 
 def _scale_offsets(world: World, radii: Array, numbers: Array) -> Array:
-    """Return the offsets of drawn numbers (D, E, 2) in discs with radii (E,), likewise in m."""
+    """Return offsets in m of drawn numbers (D, E, 2), for discs with radii (E,) in m."""
     if world.place == 'normal':
         roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
         return np.einsum('eij,dej->dei', roots, numbers)

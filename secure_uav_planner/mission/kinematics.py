@@ -2,9 +2,9 @@
 Straight flights of a single UAV, and the shortest duration of a flight.
 
 Points q[0..N+1] are the control points of a uniform quadratic B-spline whose slots last `step`
-seconds. Its velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N, with w[-1] and
-w[N+1] given by the velocities at the ends; its acceleration in a slot is (w[n] - w[n-1]) / step.
-The utilisation of a flight is its largest speed or acceleration as a share of the limit.
+seconds. The velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N; w[-1] and w[N+1] are
+the velocities at the ends. The acceleration in a slot is (w[n] - w[n-1]) / step. Utilisation means
+the largest speed or acceleration of a flight as a share of the limit.
 """
 
 from collections.abc import Callable
@@ -17,13 +17,13 @@ from .fields import Number
 from .validation import Array, round_up
 
 UTILISATION_TOLERANCE = 1e-9
-"""Largest utilisation above 1 of a flight that counts as one within the limits, for rounding."""
+"""Excess of a utilisation over 1 that is accepted as rounding."""
 
 DURATION = Number(1e-6, 1e8, 's')
 """The range of the duration of a mission."""
 
 _MOST_STEPS = 100
-_MOST_NAMED = 20  # Durations that are tried after rounding; the last is twice the first.
+_MOST_NAMED = 20  # Number of rounded durations that are tried; the last is twice the first.
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Vehicle:
     :param max_speed: V in m/s.
     :param max_acceleration: in m/s^2, infinite for no limit.
     :param start_velocity: (x, y) in m/s, or None for a free one.
-    :param goal_velocity: likewise.
+    :param goal_velocity: (x, y) in m/s, or None for a free one.
     """
 
     displacement: tuple[float, float]
@@ -80,15 +80,15 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
     """
     Return a duration in s with a utilisation of at most 1, close to the shortest, or None.
 
-    It is the least that is allowed, or rounded up to six digits, and its own utilisation has been
-    asked for. The search is regula falsi on logarithms (Dowell and Jarratt, "A modified regula
-    falsi method for computing the root of an equation", 1971).
+    The answer is `duration`, or rounded up to six digits; its utilisation has been evaluated. The
+    search is regula falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for
+    computing the root of an equation", 1971).
 
-    :param utilisation: the least utilisation by the duration in s.
-    :param duration: the least that is allowed.
-    :param accuracy: largest ratio, minus 1, of the answer and a duration that is too short, before
-        rounding.
-    :param longest: beyond which none is tried.
+    :param utilisation: returns the least utilisation of a duration in s.
+    :param duration: smallest allowed duration in s.
+    :param accuracy: relative distance between the answer, before rounding, and a duration that is
+        too short.
+    :param longest: largest duration in s that is tried.
     """
     low, below = duration, _log(utilisation(duration))
     if below <= 0:
@@ -122,7 +122,7 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
 
 
 def _log(utilisation: float) -> float:
-    """Return the logarithm of a utilisation; one of 0 or of no number counts as a large one."""
+    """Return the logarithm of a utilisation clipped to 1e-6..1e6; NaN is taken as 1e6."""
     return math.log(1e6 if math.isnan(utilisation) else min(max(utilisation, 1e-6), 1e6))
 
 

@@ -18,9 +18,9 @@ ENVIRONMENTS: dict[Environment, tuple[float, float, float]] = {
     'dense_urban': (12.08, 0.11, 23.0), 'highrise': (27.23, 0.08, 34.0)}
 """a, b and the extra loss without line of sight in dB (Al-Hourani, Kandeepan and Lardner 2014)."""
 
-SPEED_OF_LIGHT = 299792458.0  # In m/s.
-BOLTZMANN = 1.380649e-23  # In J/K.
-NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
+SPEED_OF_LIGHT = 299792458.0  # m/s
+BOLTZMANN = 1.380649e-23  # J/K
+NOISE_TEMPERATURE = 290.0  # K; noise figures refer to this temperature (IEEE).
 
 _LOS_NUMBERS = {'a': Number(0.01, 100.0), 'b': Number(0.001, 2.0),
                 'loss_db': Number(0.0, 100.0, 'dB')}
@@ -86,12 +86,12 @@ class Channel(Checked):
 
     @property
     def counts_sights(self) -> bool:
-        """Whether links count with the line of sight that they have, but for a stated outage."""
+        """Whether lines of sight are taken at quantiles, for a stated outage."""
         return self.los is not None and self.outage is not None
 
     @property
     def promise(self) -> str:
-        """Name rates as 'guaranteed', perhaps with an outage, or by the gains they count with."""
+        """Name of the promise of rates: 'guaranteed', or the kind of mean gains."""
         if self.is_guarantee:
             return 'guaranteed'
         return 'at mean gains of the links that help' if self.cautious else 'at mean gains'

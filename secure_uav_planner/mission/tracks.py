@@ -17,7 +17,7 @@ MAX_SPEED = 1000.0
 """The largest speed of a receiver on its track in m/s."""
 
 LEFT_OUT: Any = None
-"""The value of a field that the track of its receiver decides, where it is not given."""
+"""Default of a field that the receiver's track decides."""
 
 _TOLERANCE = 1e-6  # m
 
@@ -26,11 +26,11 @@ Track = tuple[tuple[float, ...], ...]
 
 class ReceiverPlaces(NamedTuple):
     """
-    Where the receivers are at K times.
+    Places of the receivers at K times.
 
     :ivar ground_nodes: (G, K, 2) in m.
-    :ivar centres: of the eavesdroppers' discs, (E, K, 2) in m.
-    :ivar radii: of these, (E, K) in m.
+    :ivar centres: centres of the eavesdroppers' discs, (E, K, 2) in m.
+    :ivar radii: radii of the eavesdroppers' discs, (E, K) in m.
     """
 
     ground_nodes: Array
@@ -42,7 +42,7 @@ def checked_track(value: Any, radius: bool = True) -> Track:
     """
     Return a track as tuples of floats.
 
-    :param radius: whether knots are (t, x, y, radius), or else (t, x, y).
+    :param radius: True for knots (t, x, y, radius), False for knots (t, x, y).
     :raises ScenarioError: naming the field, the knot, its value and what is allowed.
     """
     parts = {'t': Number(-1e9, 1e9, 's'), 'x': COORDINATE, 'y': COORDINATE}
@@ -83,13 +83,13 @@ def interpolate(track: Track, times: Array) -> Array:
 
 def join_tracks(before: Track, after: Track, time: float, step: float) -> Track | None:
     """
-    Return the track that leaves one at a time in s and is on another from a step in s later on.
+    Return the track that follows `before` until a time in s and `after` from a step in s later.
 
-    A jump that is faster than a receiver may be begins earlier.
+    The change begins earlier if it would be faster than MAX_SPEED.
 
     :param before: a track, or a single knot for a receiver that stands.
-    :param after: likewise.
-    :return: None for a receiver that stands before and after in the same place.
+    :param after: a track, or a single knot for a receiver that stands.
+    :return: None for a receiver that stands in the same place before and after.
     """
     if before == after:
         return after if len(after) > 1 else None
@@ -103,7 +103,7 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
 
 
 def set_by_track(checks: FieldChecks, field: str, track: Track) -> None:
-    """Set a place, or else a radius, to that of a track at point 0; another one is an error."""
+    """Set a place or a radius from a track at point 0; add an error if another value is given."""
     x, y, *radius = interpolate(track, np.zeros(1))[0].tolist()
     decided = radius[0] if field == 'error_radius' else (x, y)
     given = getattr(checks.item, field)
@@ -114,5 +114,5 @@ def set_by_track(checks: FieldChecks, field: str, track: Track) -> None:
 
 
 def shift_track(track: Track | None, seconds: float) -> Track | None:
-    """Return a track whose times count from a point 0 that is so many s later."""
+    """Return a track with its times reduced by `seconds`, for a later point 0."""
     return None if track is None else tuple((time - seconds, *rest) for time, *rest in track)

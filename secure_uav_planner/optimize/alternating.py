@@ -25,10 +25,10 @@ from ..model.cone_program import is_solver_failure
 from ..plan.plan import Status
 
 TOLERANCE = 1e-5
-"""A round of all steps that gains less, in bit/s/Hz, is the last."""
+"""Gain of a round of all steps [bit/s/Hz] below which the round is the last."""
 MAX_ROUNDS = 100
 POWER_STEPS = 3
-"""Steps of Section III-A, which cost a fifth of one of Section III-B, before each of those."""
+"""Steps of Section III-A before each step of Section III-B, which costs five times as much."""
 STRETCH = 2.0
 """
 The factor by which a step is lengthened while the true rate rises.
@@ -46,9 +46,9 @@ class Restriction(NamedTuple):
     A convex restriction at a local point.
 
     :param problem: the cvxpy.Problem, in nats summed over the slots, up to a constant.
-    :param variables: its variables, in units.
-    :param unit: of these, in W or m.
-    :param get_answer: called once it is solved; returns what it has found, in W or m.
+    :param variables: variables of the problem, in units.
+    :param unit: unit of the variables, in W or m.
+    :param get_answer: returns the powers or positions of the solved problem, in W or m.
     """
 
     problem: Any
@@ -139,7 +139,7 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
     x, y = (cp.vstack([move[1:-1, axis] for move in moves]) for axis in (0, 1))
     received, inverse = gains * powers, inverse * unit**2
     slopes = 2 * offset / unit * inverse[..., None]
-    # At the ground node, with the paper's a and b.
+    # The rate at the ground node, with the paper's a and b.
     shares = received / (1 + received.sum(axis=0))
     loss = cp.sum(_along(shares[..., None] * slopes, x, y) + cp.multiply(
         shares * inverse, cp.square(x) + cp.square(y)), axis=0)
@@ -309,6 +309,6 @@ def _along(slopes: Array, x: Any, y: Any) -> Any:
 
 
 def _normalise(offset: Array, fallback: Array) -> Array:
-    """Return the offsets (..., 2) as unit vectors, with a fallback for those of length zero."""
+    """Return the offsets (..., 2) as unit vectors, or a fallback if the length is 0."""
     distance = np.linalg.norm(offset, axis=-1, keepdims=True)
     return np.where(distance > 0, offset / np.where(distance > 0, distance, 1), fallback)

@@ -13,19 +13,18 @@ from ...model.airspace import MOST_ROUTES, VisibilityGraph
 from ...model.cone_program import minimise_utilisation
 from ...model.problem import Problem
 
-_TURNS = 25  # Places on the way out at which a UAV may turn back.
-_ALL_ORDERS = 3  # The most ground nodes that are visited in all orders.
-_LESS = 1e-9  # Share of a way that is rounding.
-_HALVINGS = 12  # Of the distance at which stops are passed without the time for them.
+_TURNS = 25  # Number of places on the way out at which a UAV may turn back.
+_ALL_ORDERS = 3  # Largest number of ground nodes that are visited in all orders.
+_LESS = 1e-9  # Relative rounding error of a length.
+_HALVINGS = 12  # Number of bisections of the distance at which a UAV in a hurry passes its stops.
 
 
 def list_hovering_places(scenario: Scenario) -> Array:
     """
     Return the hovering places of fly-hover-fly, (U, 2) in m, or (G, U, 2) with G ground nodes.
 
-    The transmitter hovers above the ground node, or the nodes in the order of the shortest way,
-    the jammers above the eavesdroppers in turn, or above where these are at half time if they
-    move.
+    The transmitter hovers above the ground nodes in the order of the shortest way, the jammers
+    above the eavesdroppers in turn. Receivers that move are taken where they are at half time.
     """
     grounds, eves, _ = scenario.receivers_at([scenario.duration / 2])
     jammers = np.arange(len(scenario.uavs) - 1)
@@ -36,10 +35,10 @@ def list_hovering_places(scenario: Scenario) -> Array:
 
 def list_orders(scenario: Scenario, nodes: Array) -> list[list[int]]:
     """
-    Return orders in which to visit ground nodes (G, 2) in m, that of the shortest way first.
+    Return orders in which to visit ground nodes (G, 2) in m, the shortest way first.
 
-    All of up to three nodes; of more, the nearest one next, that reversed, and both with parts
-    reversed as long as this makes the way from start to goal shorter.
+    Up to three nodes have all orders. More nodes have four: nearest neighbour, its reverse, and
+    both improved by 2-opt: parts are reversed as long as the way from start to goal gets shorter.
     """
     uav, count = scenario.uavs[0], len(nodes)
 
@@ -61,7 +60,7 @@ def list_orders(scenario: Scenario, nodes: Array) -> list[list[int]]:
 
 
 def _exchange_parts(order: list[int], measure: Callable[[list[int]], float]) -> list[int]:
-    """Return an order with parts reversed as long as that makes its measure less."""
+    """Return an order improved by 2-opt: parts are reversed as long as the measure falls."""
     while True:
         better = min((order[:i] + order[i:j][::-1] + order[j:]
                       for i, j in combinations(range(len(order) + 1), 2)), key=measure)
@@ -79,7 +78,7 @@ def build_flights(problem: Problem, hover: Array,
     They may break the limits where a zone, a fence or another UAV is in the way.
 
     :param hover: hovering places, (U, 2) in m, or (H, U, 2) for several after each other.
-    :param routes: the numbers of each UAV's routes out and back, by default of the shortest.
+    :param routes: indices of each UAV's routes out and back; by default 0, the shortest.
     :return: positions, (U, N+2, 2) in m.
     """
     scenario = problem.scenario
@@ -108,9 +107,9 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
     It may cut corners and need too much acceleration, which the projection corrects. A UAV
     without the time to reach its place turns back on the way.
 
-    :param index: of the UAV.
-    :param out: the number of the route to the place, 0 for the shortest.
-    :param back: likewise, of the route from there to the goal.
+    :param index: index of the UAV.
+    :param out: index of the route to the place, 0 for the shortest.
+    :param back: index of the route from the place to the goal, 0 for the shortest.
     :return: (N+2, 2) in m, or None without such routes or without obstacles.
     """
     scenario = problem.scenario
@@ -142,8 +141,8 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     """
     Return the flight of least utilisation of a UAV from start to goal, (N+2, 2) in m.
 
-    :param index: of the UAV.
-    :param route: the number of its route around obstacles, 0 for the shortest.
+    :param index: index of the UAV.
+    :param route: index of the route around obstacles, 0 for the shortest.
     :return: None without such a route.
     """
     scenario = problem.scenario
@@ -166,8 +165,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     """
     Return the flight of a UAV that hovers equally long at stops (H, 2), (N+2, 2) in m.
 
-    Without the time for them, it passes all of them at a distance. With a limit of acceleration,
-    velocities are moving averages over as many slots as full speed takes.
+    A UAV without the time to reach its stops passes all stops at a distance. With a limit of
+    acceleration, velocities are moving averages over as many slots as full speed takes.
     """
     scenario = problem.scenario
     uav, step = scenario.uavs[index], float(scenario.max_step[index])
@@ -193,7 +192,7 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
         direct = fly_direct(problem, index)
         return np.linspace(start, goal, scenario.slots + 2) if direct is None else direct
     wait = (count - lengths.sum() / step) / len(stops)
-    # Times and distances of arrivals and departures.
+    # Times (slots) and travelled distances (m) of arrivals and departures.
     arrivals = np.cumsum(lengths[:-1]) / step + wait * np.arange(len(stops))
     times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [count]])
     covered = np.concatenate([[0.0], np.repeat(np.cumsum(lengths)[:-1], 2), [lengths.sum()]])
@@ -212,7 +211,7 @@ def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> I
         raise_if_over()
         flights = (fly_direct(problem, index, route) for route in range(MOST_ROUTES))
         choices.append([flight for flight in flights if flight is not None])
-    # Many UAVs have too many combinations: only that of the shortest routes is tried.
+    # More than three UAVs have too many combinations: only the shortest routes are tried.
     for chosen in islice(product(*choices), None if len(choices) <= 3 else 1):
         yield np.stack(chosen)
 
@@ -253,7 +252,7 @@ def _fly_straight(start: Array, goal: Array, place: Array, step: float, slots: i
     turn = _find_turning_place(start, goal, place, (slots + 1) * step)
     points = np.empty((slots + 2, 2))
     points[:] = start + (turn - start)
-    # Distances from the start; from the goal, counted from behind, they are the same.
+    # Distances of points from the start; reversed points have the same distances from the goal.
     covered = np.arange(slots + 2.0) * step
     for end, leg in ((start, points), (goal, points[::-1])):
         length = math.dist(end, turn)
@@ -301,6 +300,6 @@ def _find_turning_place(start: Array, goal: Array, place: Array, reach: float) -
     back = start - goal
     denominator = 2 * (reach + float(back @ direction))
     slack = max(0.0, reach**2 - float(back @ back))
-    # Straight towards the goal with no slack, turning earlier or later is the same flight.
+    # Without slack, a UAV that flies straight to the goal may turn anywhere on its way.
     along = min(outward, reach, slack / denominator if denominator > 1e-12 * reach else reach)
     return start + along * direction

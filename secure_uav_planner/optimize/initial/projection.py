@@ -22,17 +22,17 @@ from ...model.limits import build_limits, LineLimit, NormLimit
 from ...model.limits.lines import Lines
 from ...model.problem import Problem
 
-_SHARE = 1e-3  # Of the slack that flights leave where they can.
-_ROUNDS = 8  # In which lines are chosen, at most.
-_PENALTY = 1e4  # For exceeding a limit by all of it, in squares of a step of deviation.
-_LINE_PENALTY = 1e7  # For a step beyond a line: sides are kept even where time is too short.
-_CLEARANCE = 0.05  # Distance from lines, in steps, where there is room.
-_NEAR = 4.0  # Distance in steps beyond which lines are left out.
+_SHARE = 1e-3  # Share of the slack that flights keep free, if they can.
+_ROUNDS = 8  # Largest number of rounds in which lines are chosen.
+_PENALTY = 1e4  # Weight of the relative excess of a limit; 1 is one squared step of deviation.
+_LINE_PENALTY = 1e7  # Weight of a step beyond a line: sides are kept even if time is too short.
+_CLEARANCE = 0.05  # Distance from lines [steps] that flights keep, if there is room.
+_NEAR = 4.0  # Distance [steps] beyond which lines are left out.
 _MOST_MOVED = 1000  # Points that are moved together: Clarabel cannot be stopped until it begins.
-_COARSE_SLOTS = 500  # At most, of the grid on which flights of more slots are found first,
-_MOST_POINTS = 4000  # with so many points of all UAVs.
-_COARSE_SHARE = 0.05  # Of the slack that flights on a coarse grid leave at least.
-_REFINEMENT = 4  # Factor of slots to the next grid where a coarse grid has no flights.
+_COARSE_SLOTS = 500  # Largest number of slots of the grid on which flights are found first.
+_MOST_POINTS = 4000  # Largest number of points of all UAVs on the first grid.
+_COARSE_SHARE = 0.05  # Least share of the slack that flights on a coarse grid keep free.
+_REFINEMENT = 4  # Ratio of slots of the next grid, if a coarse grid has no flights.
 _SMOOTH_ENDS = 20  # Points at each end over which smoothing is faded in.
 
 _Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]], Array]
@@ -54,8 +54,8 @@ def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineC
     """
     Return flights (U, N+2, 2) in m strictly inside all limits, near given ones, or None.
 
-    :param positions: of the given flights, (U, M+2, 2) in m, for any number M of slots.
-    :param share: of the slack of the flight of least utilisation that is left, at most.
+    :param positions: given flights, (U, M+2, 2) in m, for any number M of slots.
+    :param share: largest share of the slack of the flight of least utilisation that is kept free.
     :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
@@ -74,7 +74,7 @@ def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineC
 
 def move_inside(grid: Grid, positions: Array, share: float,
                 raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights (U, N+2, 2) in m that are well inside all limits, or else project them."""
+    """Return flights (U, N+2, 2) in m as they are if well inside all limits, else projected."""
     projection = _Projection(grid, share, raise_if_over)
     inside = projection.test_inside(positions, _CLEARANCE / 2)
     return positions if inside.all() else projection.solve(positions, inside=inside)
@@ -99,8 +99,8 @@ class _Projection:
     """
     The second-order cone problem of flights near given ones and inside their limits.
 
-    Speeds and accelerations stay below a share of their limits, and pieces of curves on their
-    side of the lines that separate them from what they must clear.
+    Speeds and accelerations stay below a share of their limits, and each piece of a curve stays in
+    the half-plane that separates it from an obstacle.
     """
 
     def __init__(self, grid: Grid, share: float, raise_if_over: DeadlineCheck) -> None:
@@ -117,7 +117,7 @@ class _Projection:
         """
         Return flights inside the limits, near given ones, or None; see project.
 
-        :param inside: UAVs that stay where they are as long as the rest leave them room, (U,).
+        :param inside: UAVs that stay where they are as long as others leave them room, (U,).
         """
         base = target = self._to_path(positions)
         lines = self._choose_lines(base)
@@ -148,7 +148,7 @@ class _Projection:
         return chosen
 
     def _split_groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
-        """Yield the UAVs that are to be moved, as many at a time as are moved together."""
+        """Yield the UAVs to be moved in groups of at most _MOST_MOVED points."""
         uavs = np.flatnonzero(moving & ~self._grid.fixed)
         most = max(1, _MOST_MOVED // self._grid.slots)
         for first in range(0, len(uavs), most):
@@ -189,7 +189,7 @@ class _Projection:
         and the shortfall to lines.
         """
         step, size = self._step, 2 * self._grid.slots * len(group)
-        # The column of x of every point that varies, or -1.
+        # The column of x of each point; -1 for points that do not vary.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
         excess, shortfall = size, size + 1

@@ -25,20 +25,20 @@ from ...model.grid import resample
 from ...model.problem import Problem
 from ...plan.plan import Plan
 
-_LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
-_ACCURACY = 1e-6  # Of durations that the limits of speed and acceleration ask for,
-_ACCURACY_AROUND = 2e-4  # and of those around obstacles.
-_FINER, _LONGER = (2, 4, 8, 16), (1, 4)  # Ratios of slots and durations that are tried.
-_ROUNDING = 1e-4  # Move in m by which retract makes up for rounding errors.
+_LONGEST = 2**8  # Largest duration that is tried, as a multiple of the mission's.
+_ACCURACY = 1e-6  # Relative accuracy of a duration limited by speed and acceleration.
+_ACCURACY_AROUND = 2e-4  # Relative accuracy of a duration limited by obstacles.
+_FINER, _LONGER = (2, 4, 8, 16), (1, 4)  # Multiples of slots and of the duration that are tried.
+_ROUNDING = 1e-4  # Move [m] by which retract repairs rounding errors.
 
 
 def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
     """
-    Raise an error unless all UAVs have the time from start to goal, as if each were alone.
+    Raise an error unless each UAV, if it were alone, has the time from start to goal.
 
-    :raises InfeasibleMissionError: of the slowest UAV, naming a duration with which all have it;
-        `further` are the errors of the rest. None is named where raise_if_over raises
-        TimeLimitError in the search for it.
+    :raises InfeasibleMissionError: for the slowest UAV, naming a duration that is enough for all;
+        `further` has the errors of the other slow UAVs. No duration is named if raise_if_over
+        raises TimeLimitError during its search.
     """
     utilisations = find_least_utilisations(scenario, raise_if_over)
     slow = [uav for uav, utilisation in zip(scenario.uavs, utilisations, strict=True)
@@ -56,7 +56,7 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
                                            _ACCURACY) for uav in slow]
         if None not in shortest:
             slowest = max(range(len(slow)), key=lambda index: shortest[index] or 0.0)
-            # With velocities at the ends, more time is not always easier.
+            # More time is not always easier for flights with velocities at their ends.
             shortest[slowest] = find_shortest_duration(
                 partial(measure_utilisation, scenario.uavs), shortest[slowest] or 0.0, _ACCURACY)
     except TimeLimitError:
@@ -65,7 +65,7 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
 
 
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights near fly-hover-fly, or else near the direct ones, or None."""
+    """Return flights near fly-hover-fly; failing that, near direct flights; failing both, None."""
     places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
@@ -86,7 +86,7 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
         is_flyable = has_time and _search_flights(Problem(longer), raise_if_over) is not None
         return 0.5 if is_flyable else 2.0
 
-    # From rest to rest, a longer flight is always easier.
+    # Longer is always easier for a flight from rest to rest.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
             and measure_utilisation(longest) > 1):
         return None
@@ -95,10 +95,11 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
 
 class _Obstruction(NamedTuple):
     """
-    Why a UAV has no flight even if it is alone.
+    Reason why a UAV has no flight even if it is alone.
 
-    :ivar shortest: a duration in s with which it has one; NaN if unknown, infinite for none.
-    :ivar text: the way that it takes in that duration, or else the whole reason.
+    :ivar shortest: a duration in s that is long enough; NaN if unknown, infinite if there is none.
+    :ivar text: the way around obstacles of a flight of that duration; the whole reason if there is
+        no such duration.
     """
 
     uav: Uav
@@ -192,7 +193,7 @@ def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
     with suppress(TimeLimitError):
         for longer, factor in product(_LONGER, _FINER):
             slots, duration = factor * scenario.slots, longer * scenario.duration
-            with suppress(ScenarioError):  # So many slots, or so long a duration.
+            with suppress(ScenarioError):  # Too many slots, or too long a duration.
                 finer = Problem(replace(scenario, slots=slots, duration=duration))
                 if all(fly_direct(finer, number) is not None
                        for number in range(len(scenario.uavs))) and (
@@ -217,13 +218,14 @@ def fly_hover_fly_positions(problem: Problem,
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
-    These are at list_hovering_places. A UAV without the time to reach its own flies towards it and
-    turns back at the last moment that still reaches the goal. Flights go around obstacles and keep
-    their separation.
+    list_hovering_places chooses the places. A UAV without the time to reach its place flies towards
+    it and turns back at the last moment from which it reaches the goal. Flights go around obstacles
+    and keep their separation.
 
-    :raises InfeasibleMissionError: where none are found that keep all limits, naming the UAVs, the
-        obstacles or limits, and a duration with which flights are found; `further` are the errors
-        of more UAVs. None is named where raise_if_over raises TimeLimitError in the search for it.
+    :raises InfeasibleMissionError: if no flights that keep all limits are found, naming the UAVs,
+        the obstacles or limits, and a duration with which flights are found; `further` has the
+        errors of more UAVs. No duration is named if raise_if_over raises TimeLimitError during its
+        search.
     """
     check_durations(problem.scenario, raise_if_over)
     if problem.airspace.is_open:
@@ -243,8 +245,8 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
     """
     Return True if a plan for the previous scenario is a good start for a scenario.
 
-    So it is when as many UAVs fly for about as long among positions that have moved by no more
-    than their altitude: over such distances the gains change little.
+    The numbers of UAVs and receivers are equal, durations differ by at most 10%, and no place has
+    moved by more than the lowest altitude: over such distances the gains change little.
     """
     if (len(scenario.uavs) != len(previous.uavs)
             or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
@@ -268,8 +270,8 @@ def adapt_plan(problem: Problem, plan: Plan,
     Return the positions and powers of a plan made feasible for another problem.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    What breaks limits moves to the nearest flight that keeps them; without one, positions are
-    None.
+    Flights that break limits are replaced by the nearest flights that keep them; if there are
+    none, the positions are None.
 
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
@@ -280,8 +282,8 @@ def adapt_plan(problem: Problem, plan: Plan,
                           f'it must be one for {len(scenario.uavs)}', ('initial',))
     positions = plan.positions
     if scenario.slots != plan.scenario.slots:
-        # Between control points, accelerations add up in every second slot; on the curve they
-        # stay.
+        # Interpolated control points would double accelerations in every second slot; points of
+        # the curve keep them.
         positions = plan.curve.at(np.linspace(0, plan.times[-1], scenario.slots + 2)).positions
     share = np.linspace(0, 1, scenario.slots + 2)
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
