@@ -218,9 +218,9 @@ def fly_hover_fly_positions(problem: Problem,
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
-    list_hovering_places chooses the places. A UAV without the time to reach its place flies towards
-    it and turns back at the last moment from which it reaches the goal. Flights go around obstacles
-    and keep their separation.
+    list_hovering_places chooses the places. A UAV without the time to reach its place flies
+    towards it and turns back at the last moment from which it reaches the goal. Flights go around
+    obstacles and keep their separation.
 
     :raises InfeasibleMissionError: if no flights that keep all limits are found, naming the UAVs,
         the obstacles or limits, and a duration with which flights are found; `further` has the
