@@ -309,6 +309,39 @@ sys.meta_path.insert(0, Absent())
     assert done.returncode == status
 
 
+SCRIPT = [sys.executable, str(ROOT / 'scripts' / 'relay')]
+BLOCKER = """
+import sys, time
+class Blocker:
+    def find_spec(self, name, *_):
+        if name == {name!r}:
+            print('loading', flush=True)
+            try:
+                time.sleep({patience})
+            except BaseException:
+                raise ImportError('an extension turns an interrupt into this')
+sys.meta_path.insert(0, Blocker())
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('command, module', [
+    ([*MODULE, 'check', 'a.yaml'], 'numpy'), ([*MODULE, 'plan', 'a.yaml'], 'argparse'),
+    ([*MODULE, 'plan', 'a.yaml'], 'scipy'), ([*MODULE, 'node', 'planner'], 'rclpy'),
+    (SCRIPT, 'rclpy')])
+def test_a_signal_while_modules_load_ends_the_command_in_a_line(
+        tmp_path, command, module, number):
+    (tmp_path / 'sitecustomize.py').write_text(BLOCKER.format(name=module, patience=PATIENCE))
+    variables = environment()
+    variables['PYTHONPATH'] = f'{tmp_path}{os.pathsep}{variables["PYTHONPATH"]}'
+    with subprocess.Popen(command, cwd=tmp_path, env=variables, text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == 'loading\n'
+        process.send_signal(number)
+        assert process.communicate(timeout=PATIENCE) == ('', 'secure_uav_planner: stopped\n')
+    assert process.returncode == 130
+
+
 @pytest.mark.parametrize('line, expected', [
     ('secure_uav_planner ', {'plan', 'check', 'new', 'show', 'node'}),
     ('secure_uav_planner pl', {'plan'}),

@@ -82,7 +82,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ['MPLBACKEND'] = 'Agg'  # A notebook's is not there in every environment.
         with name_missing_package():
             run = resolve_name(f'{__package__}.{options.run}')
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, signal.default_int_handler)
         run(options)
         sys.stdout.flush()  # A closed pipe is an error here, not at exit.
         return DONE
