@@ -13,8 +13,9 @@ from ros_client import node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
-from secure_uav_planner.ros.topics import LATCHED
+from secure_uav_planner.ros.topics import LATCHED, REQUESTS
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from strategies import with_uavs
 
 
@@ -43,6 +44,35 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
         planner.send_estimate('eavesdropper', (150.0, 50.0), deviation=20.0)
         return abs(planner.plan().positions - plan.positions).max() > 20.0
     wait_for(has_moved, what='a plan for the new estimate')
+
+
+def test_the_plan_of_a_request_is_its_own_whatever_else_is_published_meanwhile(planner):
+    planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+    other = replace(fly_hover_fly(Scenario.paper(120.0, slots=40)), start_ns=1)
+    stranger = planner.node.create_publisher(String, 'plan', LATCHED)
+    planner.node.create_timer(0.01, lambda: stranger.publish(messages.plan_text(other, 'map')))
+    wait_for(lambda: planner.last_plan is not None and planner.last_plan.start_ns == 1)
+    plan = planner.plan()
+    assert plan.start_ns > 1 and plan.method == 'joint'
+
+
+def test_a_planner_of_other_uavs_is_named_at_once():
+    with node_here('planner', uavs='[drone1, drone2]'), SecurePlanner() as planner:
+        with pytest.raises(ClientError, match='has the UAVs uav1, uav2, and the planner has '
+                                              'drone1, drone2; give both the same mission'):
+            planner.plan()
+
+
+def test_each_of_many_requests_at_once_gets_an_answer():
+    """Before, 40 of 50."""
+    with node_here('replay'), SecurePlanner() as planner:
+        client = planner.node.create_client(Trigger, 'replay/pause', qos_profile=REQUESTS)
+        assert client.wait_for_service(60.0)
+        with pytest.raises(ClientError, match='nothing is playing'):  # Both have met by then.
+            planner.pause()
+        answers = [client.call_async(Trigger.Request()) for _ in range(200)]
+        wait_for(lambda: all(answer.done() for answer in answers), what='200 answers')
+        assert {answer.result().message for answer in answers} == {'nothing is playing'}
 
 
 def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():

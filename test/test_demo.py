@@ -8,7 +8,7 @@ import sys
 import city
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.client import free_domain
+from secure_uav_planner.ros.client import free_domain, isolated
 
 pytestmark = pytest.mark.slow
 
@@ -51,6 +51,23 @@ def test_the_demo_chooses_a_domain_that_no_test_uses_and_no_other_demo():
     with free_domain() as first, free_domain() as second:
         assert first != second
         assert all(215 <= domain <= 232 for domain in (first, second))
+
+
+def test_what_isolates_leaves_the_environment_as_it_was_and_reserves_again(tmp_path, monkeypatch):
+    names = ('ROS_DOMAIN_ID', 'ROS_LOG_DIR', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    for name in names:
+        monkeypatch.delenv(name, raising=False)
+    with isolated(tmp_path):
+        first = os.environ['ROS_DOMAIN_ID']
+        with free_domain() as other:
+            assert str(other) != first
+        assert Path(os.environ['ROS_LOG_DIR']) == tmp_path / 'log'
+    assert not any(name in os.environ for name in names)
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    with isolated(tmp_path / 'again'):
+        assert os.environ['ROS_DOMAIN_ID'] == '7'
+        assert Path(os.environ['ROS_LOG_DIR']) == tmp_path / 'again' / 'log'
+    assert [os.environ.get(name) for name in names] == ['7', None, None]
 
 
 def test_the_demo_leaves_no_process_behind(demo):

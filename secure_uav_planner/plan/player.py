@@ -207,8 +207,9 @@ class Player:
             raise OptionError(
                 f'plan {new.plan.identity} begins elsewhere than where the last flight has ended, '
                 f'and {"; ".join(problems)}; call ~/plan again, or ~/reset and ~/start')
-        self._adopt(Flight(new, new.begin, 0.0))
-        self._last = self.flight.moment
+        flight = Flight(new, new.begin, 0.0)
+        self._adopt(flight)
+        self._last = flight.moment
 
     def pause(self) -> bool:
         """Come to rest on the curve and hold; return True if a plan was playing."""

@@ -50,8 +50,8 @@ class FollowerReports:
     def __init__(self, follower: str, identity: str, rate: float,
                  earlier: 'FollowerReports | None' = None) -> None:
         self.follower, self.identity, self._first_rate = follower, identity, rate
-        # Clock and plan in ns.
-        self._pairs = deque[tuple[int, int]](earlier._pairs if earlier else ())
+        self._pairs: deque[tuple[int, int]] = deque(  # Clock and plan in ns.
+            earlier._pairs if earlier else ())
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
         """Add the time of the plan at a time of the clock, both in ns."""

@@ -43,6 +43,7 @@ __all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_proce
 
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s
+_MOST_PLANS = 8  # That are kept, for requests whose answer comes later.
 _MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.
 
 
@@ -87,6 +88,7 @@ class SecurePlanner:
         self._services: dict[str, tuple[Client, Client]] = {}
         self._publishers: dict[str, Publisher] = {}
         self._failures: deque[tuple[float, Exception]] = deque(maxlen=_MOST_FAILURES)
+        self._plans: dict[str, Plan] = {}  # The last plans by identity.
         self._plan_problem = ''  # Why the last messages make no plan.
         self._stop.clear()
         self._context = Context()
@@ -126,26 +128,30 @@ class SecurePlanner:
 
     def plan(self, timeout: float = _TIMEOUT) -> Plan:
         """
-        Ask for a plan now, and return the Plan that the planner publishes.
+        Ask for a plan now, and return the Plan that answers the request.
+
+        A replan that is published meanwhile is not returned.
 
         :param timeout: s after which the solve is cancelled.
-        :raises ClientError: with the planner's reason for a refusal.
+        :raises ClientError: with the planner's reason for a refusal, or if the planner plans for
+            other UAVs than the scenario.
         :raises TimeoutError: without a plan within the timeout.
         """
-        until, before = time.monotonic() + timeout, self.last_plan
+        until = time.monotonic() + timeout
         cancel, _ = self._clients('planner/cancel')  # Discovery takes time.
-        answer = self._send('planner/plan', timeout)
+        service = self._find('planner/plan', timeout)
+        self._check_names(until)
+        answer = service.call_async(Trigger.Request())
         try:
             self._wait(answer.done, until,
                        lambda: f'planner/plan did not answer within {timeout:g} s')
         finally:
             if not answer.done() and not self._stop.is_set():
                 cancel.call_async(Trigger.Request())
-        self._message('planner/plan', answer)
-        self._wait(lambda: self.last_plan is not before, until,
+        identity = self._message('planner/plan', answer).split()[1].rstrip(':')
+        self._wait(lambda: identity in self._plans, until,
                    lambda: f'the plan did not come within {timeout:g} s{self._plan_problem}')
-        assert self.last_plan is not None
-        return self.last_plan
+        return self._plans[identity]
 
     def cancel(self) -> None:
         """Stop the solve under way, which plan() waits for in another thread."""
@@ -243,11 +249,11 @@ class SecurePlanner:
         :raises TimeoutError: without an answer within the timeout in s.
         """
         until = time.monotonic() + timeout
-        answer = self._send(service, timeout)
+        answer = self._find(service, timeout).call_async(Trigger.Request())
         self._wait(answer.done, until, lambda: f'{service} did not answer within {timeout:g} s')
         return self._message(service, answer)
 
-    def receive(self, kind: Any, topic: str, call: Callable[..., object],
+    def receive(self, kind: Any, topic: str, call: Callable[[Any], None],
                 qos: QoSProfile = STREAM) -> None:
         """Call a function with each message of a topic, in the client's thread."""
         self.node.create_subscription(kind, topic, call, qos)
@@ -258,8 +264,19 @@ class SecurePlanner:
             self._services[service] = make_clients(node, Trigger, service)
         return self._services[service]
 
-    def _send(self, service: str, timeout: float) -> Future:
-        """Send a request to a service, once it is there, and return the future of its answer."""
+    def _check_names(self, until: float) -> None:
+        """Raise a ClientError if the planner plans for other UAVs than the scenario."""
+        self._wait(lambda: self.status, until, lambda: 'the status of the planner did not come')
+        members = {key.removeprefix('pose_age.').partition('/')[0]
+                   for key in self.status if key.startswith('pose_age.')}
+        others = sorted(members - {*self._receivers, *self.names})
+        if not members.issuperset(self.names):
+            raise ClientError(
+                f'the scenario of this client has the UAVs {", ".join(self.names)}, and the '
+                f'planner has {", ".join(others) or "not all"}; give both the same mission')
+
+    def _find(self, service: str, timeout: float) -> Client:
+        """Return the client of a service, once the service is there."""
         until, answers = time.monotonic() + timeout, list[Future]()
         client, later = self._clients(service)
         # At each call, since the node may have been started again.
@@ -269,7 +286,7 @@ class SecurePlanner:
                 f'{service.rpartition("/")[0]} running, with the namespace and the ROS_DOMAIN_ID '
                 'of this program?'),
             lambda: answers.append(later.call_async(GetParameters.Request())))
-        return client.call_async(Trigger.Request())
+        return client
 
     @staticmethod
     def _message(service: str, answer: Future) -> str:
@@ -323,9 +340,13 @@ class SecurePlanner:
     def _take_plan(self, message: String) -> None:
         """Take a plan; a stranger may publish on its topic what is not a plan."""
         try:
-            (self.last_plan, _), self._plan_problem = parse_text(message.data, Plan), ''
+            (plan, _), self._plan_problem = parse_text(message.data, Plan), ''
         except PlanningError as error:
             self._plan_problem = f'; {brief(error)}'
+            return
+        self._plans[plan.identity] = self.last_plan = plan
+        while len(self._plans) > _MOST_PLANS:
+            del self._plans[next(iter(self._plans))]
 
     def _take_plan_time(self, message: TimeReference) -> None:
         self.plan_time = message

@@ -1,7 +1,7 @@
 """Nodes as processes of a program, kept from other ROS programs."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 import os
 from pathlib import Path
 import signal
@@ -15,15 +15,26 @@ _DOMAINS = range(215, 233)
 
 @contextmanager
 def isolated(out: Path) -> Iterator[None]:
-    """Keep the ROS graph on this host and logs in the folder, unless variables are set."""
+    """
+    Keep the ROS graph on this host and logs in the folder, unless variables are set.
+
+    The variables are as before when the block ends.
+    """
+    before = {name: os.environ.get(name) for name in (
+        'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOG_DIR', 'ROS_DOMAIN_ID')}
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
-    if 'ROS_DOMAIN_ID' in os.environ:
-        yield
-        return
-    with free_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        yield
+    try:
+        with nullcontext() if before['ROS_DOMAIN_ID'] else free_domain() as domain:
+            if domain is not None:
+                os.environ['ROS_DOMAIN_ID'] = str(domain)
+            yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 @contextmanager

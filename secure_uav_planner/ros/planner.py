@@ -193,7 +193,7 @@ class Planner(Node):
                 start.check_in_time(self._now_ns())
                 self._tracking.check_steady(self._now())
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
-                text = self._publish_plan(plan, outgoing, 'plans')
+                text = f'plan {plan.identity}: ' + self._publish_plan(plan, outgoing, 'plans')
             except Exception as error:
                 self._reply(False, self._refuse(error))
                 return

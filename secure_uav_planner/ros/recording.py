@@ -47,9 +47,10 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
     """
     if not rate > 0:
         raise OptionError(f'rate is {quote(rate)}; it must be above 0 Hz')
-    plan = replace(plan, start_ns=plan.start_ns or 0)
+    start_ns = plan.start_ns or 0
+    plan = replace(plan, start_ns=start_ns)
     with atomic_file(path, binary=True) as file:
-        bag = _Bag(file, plan.start_ns)
+        bag = _Bag(file, start_ns)
         _record_plan(bag, plan, frame_id)
         _record_replay(bag, plan, frame_id, rate)
         bag.finish()
@@ -61,13 +62,15 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
     grounds, centres, _ = scenario.receivers_at(times)
     for number, time in enumerate(times):
         stamp = messages.stamp_at(plan, time)
-        for name, way in zip(scenario.ground_node_names, grounds, strict=True):
+        for name, (x, y) in zip(
+                scenario.ground_node_names, grounds[:, number].tolist(), strict=True):
             bag.write(f'/{name}/pose', messages.pose_stamped(
-                frame_id, stamp, *way[number].tolist(), 0.0, 0.0), time)
-        for name, way in zip(scenario.eavesdropper_names, centres, strict=True):
+                frame_id, stamp, x, y, 0.0, 0.0), time)
+        for name, (x, y) in zip(
+                scenario.eavesdropper_names, centres[:, number].tolist(), strict=True):
             estimate = PoseWithCovarianceStamped()
             estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
-            estimate.pose.pose = messages.pose(*way[number].tolist(), 0.0, 0.0)
+            estimate.pose.pose = messages.pose(x, y, 0.0, 0.0)
             bag.write(f'/{name}/pose', estimate, time)
     for topic, message in messages.plan_messages(plan, frame_id):
         bag.write(_resolved(topic, 'planner'), message, latched=True)

@@ -34,6 +34,9 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
 STREAM = QoSProfile(depth=10)
 """For setpoints."""
 
+REQUESTS = QoSProfile(depth=1000)
+"""For services: requests that come at once wait for their answer, and none is lost."""
+
 OVERRIDABLE = QoSOverridingOptions([
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY])
@@ -177,7 +180,8 @@ def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Ans
     introspection = node.get_parameter('service_introspection').value.upper()
     for name, action in actions.items():
         service = node.create_service(
-            kinds[name], name, partial(_answer, node, action), callback_group=group)
+            kinds[name], name, partial(_answer, node, action), qos_profile=REQUESTS,
+            callback_group=group)
         service.configure_introspection(
             node.get_clock(), STREAM, ServiceIntrospectionState.__members__[introspection])
 
