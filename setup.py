@@ -60,7 +60,7 @@ setup(
     packages=find_packages(include=[f'{package_name}*']),
     package_data={
         package_name: ['py.typed'],
-        f'{package_name}.mission.formats': ['*.yaml'],
+        f'{package_name}.mission.formats': ['*.yaml', 'examples/*.yaml'],
         f'{package_name}.model.kernel': ['*.cpp', '*.hpp', '*.pyi'],
         f'{package_name}.ros': ['*.yaml']},
     cmdclass={'build_ext': BuildKernel},

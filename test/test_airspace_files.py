@@ -93,6 +93,7 @@ def test_altitudes_above_sea_level_are_those_above_the_stated_ground(tmp_path):
     for change, altitude, reason in (
             ({}, None, 'floor_amsl is 400; it must be .* the altitude of the ground'),
             ({'ceiling_amsl': '1500 ft'}, 408.0, "ceiling_amsl is '1500 ft'"),
+            ({'ceiling': 60}, 408.0, 'it has ceiling and ceiling_amsl'),
             ({}, 470.0, 'ceiling is -2')):
         with pytest.raises(MissionFileError, match=f'CTR.*{reason}'):
             read(tmp_path, 'a.geojson', geojson(feature([SQUARE], **heights | change)),
@@ -265,7 +266,8 @@ WHOLE_KML = {
         outside='<description><![CDATA[<!DOCTYPE html><b>&nbsp;]]></description>'),
     'entities of XML': kml(name='A &amp; B &#x1f681;'), 'in CDATA': kml(name='<![CDATA[A & B]]>'),
     'extruded on the ground': kml('<extrude>1</extrude>', height=50),
-    'no offset': kml('<gx:altitudeOffset>0</gx:altitudeOffset>'),
+    'no offset': kml('<gx:altitudeOffset>-0.00</gx:altitudeOffset>'),
+    'UTF-16 without a mark': kml().replace('UTF-8', 'UTF-16').encode('utf-16-le'),
 }
 
 

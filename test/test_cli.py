@@ -13,7 +13,7 @@ import sys
 
 from processes import environment, ROOT
 import pytest
-from secure_uav_planner import Channel, Plan, Scenario
+from secure_uav_planner import Channel, Origin, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from strategies import make_crowd
 
@@ -84,6 +84,25 @@ def test_a_mission_without_a_proof_is_planned_and_its_plan_says_so(
     assert Plan.load(tmp_path / 'plan.json').bound is None
 
 
+def test_a_plan_with_an_origin_is_written_as_a_map_in_degrees(planned, tmp_path, capsys):
+    scenario = replace(Scenario.paper(120.0, slots=10), origin=Origin(47.4, 8.5))
+    scenario.save(tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path),
+                 '--bound-time-limit', '0', '--no-baselines']) == 0
+    file = tmp_path / 'plan.geojson'
+    assert str(file) in capsys.readouterr().out
+    assert main(['show', str(tmp_path / 'plan.json'), '-o', str(tmp_path / 'x.GeoJSON')]) == 0
+    assert (tmp_path / 'x.GeoJSON').read_text() == file.read_text()
+    Plan.load(tmp_path / 'plan.json').to_geojson(tmp_path / 'y.geojson')
+    assert (tmp_path / 'y.geojson').read_text() == file.read_text()
+    capsys.readouterr()
+    plain = planned[0] / 'a' / 'b' / 'plan.json'
+    assert main(['show', str(plain), '-o', str(tmp_path / 'z.geojson')]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and 'plan.json has no places in degrees; give its mission an origin' in err
+    assert not (tmp_path / 'z.geojson').exists()
+
+
 def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, capsys):
     def fail(*_, **__):
         raise MemoryError
@@ -103,7 +122,7 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
         assert (folder / name).read_bytes().startswith(start)
     assert f'{Plan.load(file).guaranteed_rate:.4f}' in capsys.readouterr().out
     assert main(['show', str(file), '-o', str(folder / 'x.doc')]) == 2
-    assert '.png, .svg, .pdf, .html' in capsys.readouterr().err
+    assert '.png, .svg, .pdf, .html, .geojson' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('arguments, reason', [

@@ -5,9 +5,11 @@ from itertools import chain
 import math
 import re
 
+import city
 import pytest
 from secure_uav_planner import Eavesdropper, Scenario
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.mission.formats.mission_file import EXAMPLES
 from test_mission_file import RICH
 
 
@@ -33,6 +35,24 @@ def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
     assert main(['new', str(file)]) == 2 and file.read_text() == text
     assert 'is there already' in capsys.readouterr().err
     assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_each_example_can_be_planned_as_it_is(tmp_path, capsys, name):
+    file = tmp_path / 'mission.yaml'
+    assert main(['new', '--example', name, str(file)]) == 0
+    assert main(['check', str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert 'can be flown' in out and err == ''
+    scenario = Scenario.load(file)
+    assert name != 'paper' or scenario == Scenario.paper()
+    assert name != 'city' or scenario == Scenario.load(city.FILE)
+    assert (len(scenario.ground_nodes) > 1) == (name == 'several-nodes')
+    assert scenario.has_tracks == (name == 'convoy')
+
+
+def test_the_examples_are_those_of_the_reference():
+    assert set(EXAMPLES) == {'paper', 'city', 'several-nodes', 'convoy'}
 
 
 def test_check_notes_that_the_rate_is_0_for_certain(tmp_path, capsys):

@@ -16,6 +16,7 @@ from ..errors import (
     brief, MissingPackageError, MissionFileError, name_missing_package, OptionError, PlanFileError,
     PlanningError, quote, ScenarioError, StoppedError)
 from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES
+from ..mission.formats.mission_file import EXAMPLES
 from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilots import AUTOPILOTS
 
@@ -187,8 +188,8 @@ _COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
     'plan': ('planning:make_plan', 'plan a mission and write what it needs', """
 
 It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
-reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
-the best plan so far.""", {
+reach, and writes plan.json, plan.csv, plan.png and plan.html, and plan.geojson where the mission
+has an origin. Ctrl-C ends the search and keeps the best plan so far.""", {
         'mission': {'help': _MISSION},
         _OUT: {'default': 'out', 'metavar': 'FOLDER',
                'help': 'folder for the results, made if needed (default: %(default)s)'},
@@ -217,6 +218,8 @@ the best plan so far.""", {
                         'parameters to change'}}),
     'new': ('missions:create_mission', 'write an example mission with every field explained', '', {
         'mission': {'help': 'file to write'},
+        '--example': {'choices': tuple(EXAMPLES), 'help': 'another mission, which can be planned '
+                      'as it is'},
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
     'explore': ('explore:explore_mission', 'drag a mission and see its best plan', '', {
         'mission': {'nargs': '?', 'help': f'{_MISSION} (default: the example of `new`)'},
@@ -224,9 +227,9 @@ the best plan so far.""", {
                    'help': 'port of this computer that the page is at (default: a free one)'}}),
     'show': ('planning:show_plan', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
-        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '
-               'write (default: a .png beside the plan, in place of the one that plan drew '
-               'there)'}}),
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf), web page (.html) or, '
+               'where the mission has an origin, map (.geojson) to write (default: a .png beside '
+               'the plan, in place of the one that plan drew there)'}}),
     'assess': ('planning:assess_plan', 'say what a saved plan is worth when the world differs', """
 
 It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It

@@ -14,7 +14,7 @@ import numpy as np
 from ..assessment import assess
 from ..errors import InfeasibleMissionError, OptionError
 from ..mission.files import atomic_file
-from ..mission.formats.mission_file import EXAMPLE, locate_error
+from ..mission.formats.mission_file import EXAMPLE, EXAMPLES, locate_error
 from ..mission.propagation import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
@@ -85,7 +85,7 @@ def _refusing(text: str, advice: str = '') -> Iterator[None]:
 
 
 def create_mission(options: argparse.Namespace) -> None:
-    """Write the example."""
+    """Write the example, or the one that the options name."""
     path = Path(options.mission)
     if path.is_dir():
         raise OptionError(
@@ -97,7 +97,7 @@ def create_mission(options: argparse.Namespace) -> None:
     with _refusing(f'{path} cannot be written'):
         _check_link(path)
     with _refusing(f'{path} cannot be written'), atomic_file(path) as file:
-        file.write(EXAMPLE.read_text(encoding='utf-8'))
+        file.write(EXAMPLES.get(options.example, EXAMPLE).read_text(encoding='utf-8'))
     print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
 
 

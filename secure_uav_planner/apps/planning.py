@@ -26,6 +26,7 @@ from ..plan.results import Bound
 
 _PICTURES = ('.png', '.svg', '.pdf')
 _PAGE = '.html'
+_MAP = '.geojson'
 _ERASE = '\033[K'  # Of the rest of a terminal's line.
 _PERIOD = 0.1  # Between two texts of the progress line, in s.
 
@@ -173,9 +174,12 @@ def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -
 
 
 def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
-    """Write CSV, picture and page, and yield each file that is written."""
+    """Write CSV, map, picture and page, and yield each file that is written."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
+    if plan.scenario.origin is not None:
+        plan.to_geojson(out / f'plan{_MAP}')
+        yield out / f'plan{_MAP}'
     for file in (out / 'plan.png', out / 'plan.html'):
         with drawing_if_possible(file):
             _save_view(plan, file, baselines)
@@ -183,8 +187,10 @@ def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]
 
 
 def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
-    """Write the picture or the page of a plan, as the suffix of the file says."""
-    if file.suffix.lower() == _PAGE:
+    """Write the picture, the page or the map of a plan, as the suffix of the file says."""
+    if file.suffix.lower() == _MAP:
+        plan.to_geojson(file)
+    elif file.suffix.lower() == _PAGE:
         from ..output.page import save_page
         save_page(plan, file, baselines)
     else:
@@ -195,7 +201,10 @@ def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
 def show_plan(options: argparse.Namespace) -> None:
     """Draw a plan and print its rates."""
     plan = Plan.load(options.plan)
-    file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE))
+    file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE, _MAP))
+    if file.suffix.lower() == _MAP and plan.scenario.origin is None:
+        raise OptionError(f'{options.plan} has no places in degrees; give its mission an origin: '
+                          '{latitude: , longitude: }, and plan it again')
     print(rate_table([plan]))
     with drawing(file):
         _save_view(plan, file, [])

@@ -163,6 +163,8 @@ def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> An
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)
+    if properties.get(name) is not None:
+        raise ScenarioError(f'it has {name} and {name}_amsl; it must have one of them')
     above = to_number(height)
     if origin.altitude is None or not math.isfinite(above):
         raise ScenarioError(f'{name}_amsl is {quote(height)}; it must be a number in m, and the '

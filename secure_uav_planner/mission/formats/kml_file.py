@@ -118,7 +118,7 @@ def _find_ceiling(polygon: ElementTree.Element, corners: list[list[float]], orig
             raise ScenarioError(f'it has the altitudeModes {quote(mode)} and '
                                 f'{quote(_strip(element.text))}; it must have one')
     for element in polygon.iter('altitudeOffset'):
-        if _strip(element.text) not in ('0', '0.0'):
+        if not re.fullmatch(r'[-+]?0*\.?0*', _strip(element.text)):
             raise ScenarioError(f'its altitudeOffset is {quote(_strip(element.text))}; it must be '
                                 '0: add it to the altitudes')
     extrude = _strip(polygon.findtext('extrude', '0'))

@@ -17,6 +17,9 @@ from ...errors import (
 EXAMPLE = Path(__file__).with_name('example.yaml')
 """A mission file in which every field is explained: `secure_uav_planner new` copies it."""
 
+EXAMPLES = {file.stem: file for file in sorted((EXAMPLE.parent / 'examples').glob('*.yaml'))}
+"""Files of further missions by name: `secure_uav_planner new --example` copies one."""
+
 _HEAD = """\
 # A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
 # heights in m above the ground node, speeds in m/s, powers in W, times in s.
