@@ -140,15 +140,15 @@ class Replay(Target):
         self.counts['good plans'] += 1
         plan = replace(
             self._plan, start_ns=start_ns or 10**18 + 10**9 * self.counts['good plans'])
-        super().publish('plan', messages.plan_text(plan, 'map'))
+        self.publish_with_rest('plan', messages.plan_text(plan, 'map'))
+
+    publish_with_rest = Target.publish
 
     def publish(self, topic, message):
         """Publish a plan in which the text of a message has replaced a piece."""
         text, count = self._text, len(message.data)
         at = sum(message.data.encode()) * 997 % len(text)
         super().publish(topic, String(data=text[:at] + message.data + text[at + count:]))
-
-    publish_with_rest = publish
 
     def start(self):
         return self.call('start')

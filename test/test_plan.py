@@ -12,10 +12,13 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
-from secure_uav_planner.errors import PlanFileError
+from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.model import channel
-from secure_uav_planner.plan.splice import cut_tail
-from strategies import scenarios
+from secure_uav_planner.output.page import draw_page
+from secure_uav_planner.output.picture import draw_plan
+from secure_uav_planner.output.tables import rate_table
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
+from strategies import scenarios, with_uavs
 from test_mission_file import RICH
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
@@ -247,3 +250,81 @@ def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, da
     for uav, before, power in zip(tail.scenario.uavs, scenario.uavs, plan.powers):
         spent = power[:point].sum() + uav.average_power * tail.scenario.slots
         assert spent <= before.average_power * scenario.slots * (1 + 1e-9)
+
+
+def gap_plan():
+    """Return a plan of 10 slots of 10 s that was promised until 20 s and planned again at 50 s."""
+    scenario = Scenario.paper(100.0, slots=10)
+    eve, = scenario.eavesdroppers
+    scenario = with_uavs(replace(scenario, eavesdroppers=(replace(
+        eve, position=None, error_radius=None,
+        track=((0.0, 400.0, 0.0, 10.0), (20.0, 400.0, 0.0, 10.0))),)), max_speed=15.0)
+    first = replace(solve(scenario), start_ns=10**18, promised_until=20.0)
+    tail = cut_tail(first, 4)
+    near = replace(tail.scenario, eavesdroppers=(Eavesdropper((60.0, 150.0), 10.0),))
+    return first, continue_plan(first, 4, solve(near, initial=tail))
+
+
+def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
+    first, plan = gap_plan()
+    assert plan.promised_slots.tolist() == [True, True, False, False, *[True] * 6]
+    assert (plan.promise.text, plan.promise.gaps) == ('8 of 10 slots promised', [(30.0, 50.0)])
+    assert plan.gaps == ((20.0, 50.0),)
+    # In slot 4 the receiver gets more than the disc of the first plan allows.
+    truth = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, (60.0, 150.0))
+    assert truth[3] < plan.worst_case_rates[3] - 0.1
+    for mean, rates in ((plan.promise.guaranteed_rate, plan.guaranteed_rates),
+                        (plan.promise.worst_case_rate, plan.worst_case_rates),
+                        (plan.promise.curve_rate, plan.curve_rates),
+                        (plan.promise.node_rates[0], plan.worst_case_rates)):
+        assert mean == pytest.approx(rates[[0, 1, *range(4, 10)]].mean())
+    plan.save(tmp_path / 'plan.json')
+    document = json.loads((tmp_path / 'plan.json').read_text())
+    assert document['guaranteed_rate'] == plan.promise.guaranteed_rate != plan.guaranteed_rate
+    assert Plan.load(tmp_path / 'plan.json') == plan
+    assert '8 of 10 slots promised' in rate_table([plan])
+    assert any('8 of 10 slots promised' in text.get_text() for text in draw_plan(plan).texts)
+    assert f'{plan.promise.rate:.4f} bit/s/Hz in 8 of 10 slots promised' in repr(plan)
+    page = draw_page(plan)
+    assert '8 of 10 slots promised' in page.layout.title.text
+    assert {(shape.x0, shape.x1) for shape in page.layout.shapes if shape.type == 'rect'} == {
+        (30.0, 50.0)}
+
+
+@given(scenarios(), st.data())
+def test_a_plan_that_is_cut_and_continued_keeps_its_promise(scenario, data):
+    end, point = scenario.times[-1], data.draw(st.integers(0, scenario.slots - 1))
+    times = sorted(data.draw(st.lists(st.floats(0, end), min_size=4, max_size=4)))
+    plan = replace(
+        fly_hover_fly(scenario), start_ns=10**18, gaps=(times[:2], times[2:]),
+        promised_until=data.draw(st.one_of(st.none(), st.floats(0, end))),
+        promise_delay=5.0, promise_speed=data.draw(st.floats(0.1, 10)))
+    tail = cut_tail(plan, point)
+    assert (tail.promised_slots == plan.promised_slots[point:]).all()
+    again = continue_plan(plan, point, tail)
+    assert (again.promised_slots == plan.promised_slots).all()
+    assert again.promise_delay == pytest.approx(plan.promise_delay)
+    assert sum(end - begin for begin, end in plan.promise.gaps) == pytest.approx(
+        (~plan.promised_slots).sum() * scenario.slot_duration)
+    # The slot in which a flight leaves its receivers, and all later ones, are not promised.
+    late = data.draw(st.floats(0, end))
+    ended, slot = plan.end_promise(late), int(late / scenario.slot_duration + 1e-9)
+    assert not ended.promised_slots[max(0, slot - 1):].any()
+    assert (ended.promised_slots == plan.promised_slots)[:max(0, slot - 1)].all()
+
+
+def test_a_plan_without_a_promised_slot_has_no_mean_rate(plan, tmp_path):
+    plan = replace(plan, promised_until=0.6)
+    assert math.isnan(plan.promise.guaranteed_rate) and math.isnan(plan.promise.node_rates[0])
+    assert plan.promise.text == ('no slot is promised: receivers are predicted until 0.6 s and '
+                                 'slot 1 begins at 1.0 s; raise prediction_horizon')
+    plan.save(tmp_path / 'plan.json')
+    assert json.loads((tmp_path / 'plan.json').read_text())['worst_case_rate'] is None
+    assert Plan.load(tmp_path / 'plan.json') == plan
+
+
+@pytest.mark.parametrize('gaps', [5, [5], [[1]], [[1, 2, 3]], [['a', 1]], [[2, 1]],
+                                  [[1, 3], [2, 4]], [[1, math.nan]]])
+def test_gaps_that_are_not_intervals_of_increasing_times_are_refused(plan, gaps):
+    with pytest.raises(PlanError, match='gaps'):
+        replace(plan, gaps=gaps)

@@ -17,8 +17,9 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import make_request, StartTime
-from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
+from secure_uav_planner.ros.status import level_and_text, plan_values, RequestOutcome, State
 from studies.flown.missions import limit_acceleration
+from test_plan import gap_plan
 
 
 def odometry(x, y, velocity=(0.0, 0.0), stamp=0.0):
@@ -255,12 +256,12 @@ def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_pl
     book.take('uav1/odom', odometry(*place, stamp=1020.0), DEFAULTS, 1020.0)
     fly(first, 20.0, 20.0 + silence - 1.0)
     tracking.add_plan(replace(first, powers=first.powers * 0.9), 1019.0 + silence)
-    fly(next(reversed(tracking._plans.values())).playback.plan, 19.0 + silence, 20.0 + silence)
+    fly(next(reversed(tracking._plans.values())).plan, 19.0 + silence, 20.0 + silence)
     now = 1020.0 + silence
     assert tracking.distances(settings, now)['uav1'] < 1e-6
     # Another flight has no time then, so nothing is told.
     tracking.add_plan(replace(second, start_ns=second.start_ns - 10**9), now)
-    fly(next(reversed(tracking._plans.values())).playback.plan, 20.0 + silence, 21.0 + silence)
+    fly(next(reversed(tracking._plans.values())).plan, 20.0 + silence, 21.0 + silence)
     assert tracking.distances(settings, now + 1.0) == {}
 
 
@@ -283,3 +284,42 @@ def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plan
         assert f"following 'real', ignoring '{follower}'" in problem
     assert add('real', 1011.0, 3.9) == (pytest.approx(3.9), [problem])
     assert add('late', 1012.1, 2.9) == (pytest.approx(2.9), [])
+
+
+def test_each_slot_of_a_gap_is_told_also_by_a_planner_that_was_restarted_inside_it():
+    """Before, the last slot of a gap had no word, and a restart forgot the gap."""
+    first, plan = gap_plan()
+    for known in ((first, plan), (plan,)):
+        tracking = tracking_of(*known, now=10**9)
+        for time in np.arange(0.5, 105.0, 2.5):
+            report(tracking, plan, (10**9 + time, time))
+            assert [text for text in tracking.status(DEFAULTS, 10**9 + time)[0]
+                    if 'promise' in text] == ([
+                        'the promise ended at 20.0 s; the next begins at 50.0 s']
+                        if 20.0 <= time < 50.0 else []), time
+    state = State(plan=plan)
+    assert '8 of 10 slots promised; all slots: ' in state.outcome.text
+    assert state.outcome.level == DiagnosticStatus.OK
+
+
+def test_the_slots_that_a_late_flight_flies_are_not_in_the_numbers_of_its_plan():
+    first, _ = gap_plan()
+    plan = replace(first, promised_until=90.0)
+    tracking = tracking_of(plan, now=10**9)
+    report(tracking, plan, *((10**9 + time, time) for time in (10.0, 20.0, 33.0)))
+    assert tracking.check_promise(10**9 + 33.0) is None
+    report(tracking, plan, (10**9 + 34.0, 33.1))
+    ended = tracking.check_promise(10**9 + 34.0)
+    assert ended.identity == plan.identity and ended.promised_slots.sum() == 2
+    assert tracking.check_promise(10**9 + 34.0) is None  # It has ended for good.
+    text, = tracking.status(DEFAULTS, 10**9 + 34.0)[0]
+    assert 'ended at 20.0 s: the flight is 0.9 s later than the receivers' in text
+
+
+def test_a_plan_without_a_promised_slot_is_told_with_warn():
+    first, _ = gap_plan()
+    outcome = State(plan=replace(first, promised_until=-2.2)).outcome
+    assert outcome.level == DiagnosticStatus.WARN
+    assert 'guaranteed rate none, worst-case rate none bit/s/Hz; no slot is promised: receivers ' \
+        'are predicted until -2.2 s and slot 1 begins at 10.0 s' in outcome.text
+    assert plan_values(first)['plan.promised_slots'] == 2

@@ -431,3 +431,50 @@ class TestAnyOrderAtLength(AnyOrder.TestCase):
     """Ten thousand sequences."""
 
     settings = settings(max_examples=10000, stateful_step_count=40, deadline=None)
+
+
+@pytest.mark.parametrize('mutes', [False, True])
+def test_power_is_sent_in_promised_slots_only_where_that_is_asked_for(plan, mutes):
+    promised = replace(plan, promised_until=80.0, gaps=((20.0, 40.0),))  # Slots of 2 s.
+    bench = Bench()
+    bench.player = Player(bench.refused.append, mutes)
+    bench.player.load(promised)
+    bench.player.start()
+    bench.run(140.0)
+    slots = np.array([(now - BEGIN) // (2 * SECOND) for now, _ in bench.sent])
+    powers = np.array([moment.powers for _, moment in bench.sent])
+    inside = (slots >= 1) & (slots <= 65)
+    assert not powers[~inside].any()
+    mask = promised.promised_slots | (not mutes)
+    assert mask.sum() == (31 if mutes else 65)
+    assert powers[inside] == pytest.approx((plan.powers * mask).T[slots[inside] - 1])
+    assert bench.player.delivered == pytest.approx(sum(
+        2.0 * rate for rate, counts in zip(rates_to_the_ground(plan), mask) if counts), rel=0.02)
+
+
+def rates_to_the_ground(plan):
+    """Return the rate of each slot without any eavesdropper."""
+    return Playback(plan).secrecy_rates(plan.times[1:-1] + 1.0)
+
+
+def test_a_late_flight_has_left_its_promise_until_a_new_one_is_for_its_time(plan):
+    promised = replace(plan, promised_until=100.0)
+    bench = Bench()
+    bench.player = Player(bench.refused.append, True)
+    bench.player.load(promised)
+    bench.player.start()
+    bench.run(45.0)  # It begins 5 s later.
+    assert bench.sent[-1][1].powers.any()
+    bench.player.pause()
+    bench.run(8.0)
+    bench.player.start()
+    bench.run(20.0)
+    assert not bench.sent[-1][1].powers.any()
+    assert not bench.player.playback.plan.promised_slots[20:].any()
+    # The same flight with receivers that are predicted for its delay.
+    assert not bench.player.load(replace(promised, promise_delay=bench.lag))
+    bench.run(1.0)
+    assert bench.sent[-1][1].powers.any()
+    assert not bench.player.load(promised)
+    bench.run(1.0)
+    assert not bench.sent[-1][1].powers.any()

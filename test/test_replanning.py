@@ -64,10 +64,9 @@ class Bench:
         remainder = self.replanning.begin(reason, settings, now)
         try:
             rejoin = remainder.find_rejoin()
-            plan = rejoin.splice(solve(
+            plan = remainder.date(rejoin.splice(solve(
                 rejoin.scenario, method=settings['method'], objective=objective_from(settings),
-                initial=rejoin.tail, time_limit=remainder.time_limit))
-            plan = replace(plan, promised_until=remainder.receivers.promised_until)
+                initial=rejoin.tail, time_limit=remainder.time_limit)))
             ready = now + self.solving
             self.fly(ready)
             remainder.check_in_time(rejoin, self.tracking.flight(ready), ready)
@@ -77,7 +76,7 @@ class Bench:
         else:
             self.published.append((plan, rejoin.effect))
             begin = (rejoin.first + 1) * plan.scenario.slot_duration
-            self.tracking.add_plan(plan, ready, remainder.clock, begin)
+            self.tracking.add_plan(plan, ready)
             self.replanning.end(ready, begin)
             self.plan = plan
 

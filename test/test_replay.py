@@ -295,3 +295,20 @@ def test_a_message_that_is_no_plan_is_told_once_and_leaves_the_last_plan(client,
         publisher.publish(String(data='{'))
         wait_for(lambda: sum('not JSON' in line for line in process.lines) == 2)
         assert client.call('replay/start').success
+
+
+@pytest.mark.parametrize('mutes', ['true', 'false'])
+def test_a_slot_that_is_not_promised_is_told_and_muted_if_that_is_asked_for(
+        client, poses, plan, file, mutes):
+    watts = client.listen(Float64, 'uav1/setpoint/power', 10000)
+    replace(plan, promised_until=200.0, gaps=((20.0, 60.0),), start_ns=time.time_ns(),
+            promise_speed=20.0).save(file)
+    with node_here('replay', plan_file=file, speed=20.0, rate=50.0, autostart='true',
+                   mute_unpromised=mutes) as process:
+        wait_for(lambda: end_of(process), what='the end of the plan')
+        line = next(line for line in process.lines if 'is not promised; ' in line)
+    assert ('no power is sent' in line) == (mutes == 'true')
+    flown = np.array([watt.data for watt in watts])
+    signs = ''.join('01'[int(value > 0)] for value in flown)
+    longest = max(map(len, signs.split('1')))  # Setpoints without power.
+    assert (longest > 50) == (mutes == 'true') or not flown.any()

@@ -13,8 +13,8 @@ from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.plan.tracking import (
-    AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state, predict_stop,
-    start_from_state, Watch)
+    AchievedRates, deviation, FollowerReports, GAIN, MeasuredState, predict_return, predict_state,
+    predict_stop, start_from_state, Watch)
 from strategies import with_uavs
 
 LEAD, TOLERANCE = 2.0, 1.0
@@ -262,3 +262,18 @@ def test_the_achieved_rate_is_the_planned_one_on_the_plan_and_begins_anew_with_a
     assert exact.rates is None
     with pytest.raises(OptionError, match='positions has the shape'):
         exact.add(later, 31.0, np.zeros((3, 2)))
+
+
+@given(st.floats(0.01, 1.0), st.floats(0.02, 0.3), st.floats(0.0, 0.9))
+def test_a_flight_that_was_paused_is_not_steady_while_it_speeds_up(slope, period, phase):
+    """Before, it was up to a rate of 0.07, and the solve of a replan was dropped."""
+    reports, time, after = FollowerReports('tester', 'plan', 0.0), 10.0, -2.0 + phase * period
+    while after < 2.0:
+        rate = min(1.0, slope * max(0.0, after))
+        time += rate * period
+        reports.add(round((1000.0 + after) * 1e9), round(time * 1e9))
+        if after <= 0.0:
+            assert reports.is_steady(), 'paused'
+        elif period < after < min(1.0 - 2 * period, 1.0 / slope):
+            assert not reports.is_steady(), (after, rate)
+        after += period

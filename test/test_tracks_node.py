@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import re
+from time import sleep
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -17,6 +18,7 @@ from secure_uav_planner.plan.tracking import PlanClock
 from secure_uav_planner.ros.poses import error_radius, PoseBook
 from secure_uav_planner.ros.receivers import predict_receivers
 from secure_uav_planner.ros.scenarios import make_request, StartTime
+from secure_uav_planner.ros.solver import Job
 from simulation import Simulation
 
 NOISE = 5.0  # m along each axis, of measurements
@@ -154,6 +156,33 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
     # What was flown before keeps the discs that it was planned for.
     _, (centres,), _ = plan.scenario.receivers_at([1.0])
     assert centres[0] == pytest.approx(car_at(plan.start_ns * 1e-9 + 1.0), abs=0.5 * CAR_SPEED)
+
+
+def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction(
+        client, monkeypatch):
+    """Before, such a plan without a promised slot was OK, with a guaranteed rate of 0."""
+    solve, seconds = Job.solve, [10.0]
+
+    def solve_slowly(job, *arguments):
+        plan = solve(job, *arguments)
+        sleep(seconds[0])
+        return plan
+
+    monkeypatch.setattr(Job, 'solve', solve_slowly)
+    with node_here('planner', duration=120.0, slots=120, prediction_horizon=8.0,
+                   pose_timeout=60.0):
+        client.send_pose('ground_node/pose', 0, 0)
+        client.send_odometry('eavesdropper/odom', 200.0, 0.0, (0.0, 1.0))
+        answer = client.call('planner/plan')
+        assert answer.success and re.search('[1-9] of 120 slots promised, until', answer.message)
+        assert client.call('planner/plan').success
+        assert client.set_parameters('planner', prediction_horizon=0.5)[0].successful
+        seconds[0] = 1.0
+        answer = client.call('planner/plan')
+        assert answer.success and 'no slot is promised: receivers are predicted until' in (
+            answer.message)
+        wait_for(lambda: client.statuses[-1].level == DiagnosticStatus.WARN)
+        assert client.status['plan.guaranteed_rate'] == 'none'
 
 
 class Filter:

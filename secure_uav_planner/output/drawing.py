@@ -94,7 +94,7 @@ def rate_label(plan):
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
     promise = plan.promise
     return (f'{guaranteed} {promise.guaranteed_rate:.3f}, {worst} {promise.worst_case_rate:.3f} '
-            f'bit/s/Hz{caveat}{promise.text}')
+            f'bit/s/Hz{caveat}' + (promise.text and f'; {promise.text}'))
 
 
 def receiver_label(eavesdropper):

@@ -109,12 +109,10 @@ def draw_page(plan, baselines=()):
 
 def _add_controls(figure, content, points):
     plan = content.plan
-    if plan.promise.is_partial:
+    for begin, end in plan.promise.gaps:
         for row in (1, 2, 3):
-            figure.add_vline(
-                plan.promised_until, row=row, col=2,
-                line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'},
-                annotation_text='promised until' if row == 1 else '')
+            figure.add_vrect(begin, end, row=row, col=2, fillcolor=GEOFENCE, opacity=0.15,
+                             line_width=0, annotation_text='not promised' if row == 1 else '')
     title = f'{html.escape(scheme_name(plan.method))}: {rate_label(plan)}'
     if plan.bound is not None:
         title += f'<br><small>{html.escape(plan.claim)}</small>'

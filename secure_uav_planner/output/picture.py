@@ -179,8 +179,8 @@ def draw_rates(axes, plan, baselines=(), **legend):
 def _finish_time_axes(axes, plan, label, legend):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
-    if plan.promise.is_partial:
-        axes.axvline(plan.promised_until, color=GREY, linewidth=1.2, linestyle='--',
-                     label='promised until')
+    for number, (begin, end) in enumerate(plan.promise.gaps):
+        axes.axvspan(begin, end, color=GREY, alpha=0.25, linewidth=0,
+                     label='' if number else 'not promised')
     style_axes(axes)
     add_legend(axes, **legend)

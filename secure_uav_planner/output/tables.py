@@ -22,7 +22,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan, and one for a Bound if given.
 
-    The rates are those that are promised; a line says until when, if not in the whole flight.
+    The rates are means over the promised slots; a line says which, if not all are.
     With bounds, a column has the largest share of the best rate that a plan may miss. Rates that
     are not guaranteed are marked by a line, and energies follow in a table of their own.
     """
@@ -42,7 +42,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
-        text += f'\n\nrates{plans[0].promise.text}'
+        text += f'\n\nrates of {plans[0].promise.text}'
     energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 import json
+import math
 import os
 from typing import Any
 
@@ -20,8 +21,8 @@ LONGEST_FRAME = 255
 """Most characters of the name of a frame of coordinates; each setpoint repeats the name."""
 
 _ROUNDING = 1e-9  # bit/s/Hz
-_PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'bits',
-          'too_short')
+_PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'gaps',
+          'promise_delay', 'promise_speed', 'bits', 'too_short')
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
 
 
@@ -47,9 +48,14 @@ def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
         'history': [asdict(iteration) for iteration in plan.history],
         'bound': None if plan.bound is None else plan.bound.to_dict(),
         **({'shares': plan.shares.tolist()} if (plan.shares != 1.0).any() else {}),
-        'guaranteed_rate': plan.guaranteed_rate,
-        **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
+        'guaranteed_rate': _number(plan.promise.guaranteed_rate),
+        **({'worst_case_rate': _number(plan.promise.worst_case_rate)} if evaluate else {}),
     }
+
+
+def _number(rate: float) -> float | None:
+    """Return a rate, or None for the mean of no slots, which JSON has no number for."""
+    return None if math.isnan(rate) else rate
 
 
 def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:

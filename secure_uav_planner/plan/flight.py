@@ -1,6 +1,7 @@
 """The flight of a plan, and the limit of its rate: how fast that may change along the curve."""
 
 from dataclasses import replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,18 @@ class Flight(NamedTuple):
     def is_under_way(self) -> bool:
         """Whether the flight has begun and not ended."""
         return self.state in ('flying', 'held')
+
+    def lateness(self, now: float) -> float:
+        """
+        Return by how many s the flight is later than its receivers are predicted for.
+
+        :param now: time of the clock in s.
+        """
+        plan = self.playback.plan
+        if plan.start_ns is None:
+            return math.inf
+        due = (now - plan.start_ns * 1e-9 - plan.promise_delay) * plan.promise_speed
+        return max(0.0, due - self.time) if self.state == 'waiting' else due - self.time
 
     @property
     def moment(self) -> Moment:

@@ -11,15 +11,17 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
+from .promise import find_promised_slots, Mask, Promise
 from .results import (
-    Bound, explain_zero_rate, Iteration, Promise, RatedFlight, Status, STATUS_TEXTS, STATUSES)
+    Bound, explain_zero_rate, Iteration, RatedFlight, Status, STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
-    check_argument, checked_by, checked_text, Choice, Instance, Members, Number, number, TIME)
+    check_argument, check_items, checked_by, checked_text, Choice, Instance, Members, Number,
+    number, refuse, TIME)
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
-from ..mission.validation import checked_kind
+from ..mission.validation import checked_kind, is_sequence
 from ..model.channel.rates import find_shares
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Energy
@@ -42,6 +44,23 @@ _WIDTH = Number(2.5, 100.0, 'inches')  # Of a picture.
 _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
+def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
+    """Return intervals (begin, end) of increasing times, also from lists."""
+    def check(value: Any) -> tuple[float, float]:
+        if not is_sequence(value) or len(value) != 2:
+            raise refuse(value, 'a begin and an end')
+        begin, end = map(TIME, value)
+        return begin, end
+
+    if not is_sequence(values):
+        raise refuse(values, 'a list of intervals')
+    gaps: tuple[tuple[float, float], ...] = check_items(values, check)
+    times = [time for gap in gaps for time in gap]
+    if times != sorted(times):
+        raise refuse(values, 'intervals of times that increase')
+    return gaps
+
+
 @dataclass(frozen=True, eq=False)
 class Plan(RatedFlight):
     """
@@ -59,6 +78,11 @@ class Plan(RatedFlight):
     :param bound: a Bound of the scenario by upper_bound, or None.
     :param promised_until: time in s from point 0 until which estimates of the receivers were
         predicted, so that its rates are a promise; None for the whole flight.
+    :param gaps: intervals (begin, end) in s from point 0, before that time, in which its rates are
+        not a promise: after a promise had ended and before a replan took effect.
+    :param promise_delay: time in s by which point 0 of the flight that receivers are predicted for
+        is later than start_ns.
+    :param promise_speed: playback speed of that flight.
     :param bits: in bit/Hz, which shortest_duration was asked to deliver, or None.
     :param too_short: a duration in s of which no flight delivers them, which is proven, or None.
     :param shares: a_k[n], of each slot for each ground node, (G, N); by default those with the
@@ -79,6 +103,10 @@ class Plan(RatedFlight):
     objective: Objective = field(default='guaranteed', metadata=checked_by(Choice(OBJECTIVES)))
     bound: Bound | None = None
     promised_until: float | None = field(default=None, metadata=checked_by(TIME))
+    gaps: tuple[tuple[float, float], ...] = field(
+        default=(), metadata=checked_by(_checked_gaps))
+    promise_delay: float = field(default=0.0, metadata=checked_by(TIME))
+    promise_speed: float = field(default=1.0, metadata=number(1e-9, 1e9))
     bits: float | None = field(default=None, metadata=number(0.0, 1e15, 'bit/Hz'))
     too_short: float | None = field(default=None, metadata=checked_by(TIME))
     shares: Array = LEFT_OUT
@@ -136,8 +164,10 @@ class Plan(RatedFlight):
         origin = f'by {self.method}, {self.status}'
         if self.method == self.status == 'given':
             origin = STATUS_TEXTS['given']
-        return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} {self.rate:.4f} '
-                f'bit/s/Hz {origin}; UAVs: {len(self.scenario.uavs)}, '
+        promise = self.promise
+        return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} {promise.rate:.4f} '
+                f'bit/s/Hz {promise.text and f"in {promise.text} "}{origin}; '
+                f'UAVs: {len(self.scenario.uavs)}, '
                 f'slots: {self.scenario.slots}{self.claim and "; " + self.claim}>')
 
     def __eq__(self, other: object) -> bool:
@@ -208,11 +238,34 @@ class Plan(RatedFlight):
     @property
     def promise(self) -> Promise:
         """Slots whose rates are promised, and their mean rates; all of a plan without a limit."""
-        last = self.scenario.slots
-        if self.promised_until is not None:
-            last = min(last, math.floor(
-                self.promised_until / self.scenario.slot_duration + _ROUNDING))
-        return Promise(self, max(0, last))
+        return Promise(self, self.promised_slots)
+
+    @cached_property
+    def promised_slots(self) -> Mask:
+        """Whether the rate of each slot is promised, (N,)."""
+        return find_promised_slots(self)
+
+    def end_promise(self, time: float) -> 'Plan':
+        """
+        Return this plan with a promise that ends before the slot of a time in s from point 0.
+
+        A plan whose promise has ended earlier is returned itself.
+        """
+        step = self.scenario.slot_duration
+        until = max(0.0, (math.floor(check_argument('time', time, TIME) / step + _ROUNDING) - 1)
+                    * step)
+        if self.promised_until is not None and self.promised_until <= until:
+            return self
+        plan = self._replace(promised_until=until)
+        plan.__dict__.pop('promised_slots', None)
+        return plan
+
+    def _replace(self, **changes: Any) -> 'Plan':
+        """Return this plan with other fields, of which no rate depends, and with its rates."""
+        plan, names = replace(self, **changes), {field.name for field in fields(self)}
+        plan.__dict__.update({name: value for name, value in self.__dict__.items()
+                              if name not in names})
+        return plan
 
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
@@ -221,11 +274,7 @@ class Plan(RatedFlight):
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
         :raises PlanError: for anything else.
         """
-        plan = replace(self, bound=bound)
-        # The bound changes no rate.
-        plan.__dict__.update({name: value for name, value in self.__dict__.items()
-                              if name.startswith(('guaranteed_', 'worst_case_'))})
-        return plan
+        return self._replace(bound=bound)
 
     def evaluate(self) -> 'Plan':
         """Evaluate the rates now, which the plan then keeps; return the plan itself."""

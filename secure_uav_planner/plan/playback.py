@@ -1,6 +1,7 @@
 """A plan in continuous time: the motion and powers of the UAVs, and the secrecy rate."""
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,13 +39,15 @@ class Playback:
     A plan as a function of time, along the flown curve.
 
     :param plan: a Plan.
+    :param mutes_unpromised: whether no power is sent in slots that are not promised.
     :ivar begin: time in s from point 0 at which the UAVs leave their starts: 0, or half a slot
         earlier with a limit of acceleration.
     :ivar duration: time in s from point 0 at which the UAVs reach their goals.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, mutes_unpromised: bool = False) -> None:
         self.plan = checked_kind('plan', plan, Plan)
+        self._powers = plan.powers * plan.promised_slots if mutes_unpromised else plan.powers
         self.curve = plan.curve
         self.begin, self.duration = self.curve.begin, self.curve.end
 
@@ -66,6 +69,12 @@ class Playback:
                       self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0],
                       self.shares_at([time])[:, 0])
 
+    def find_unpromised_slot(self, time: float) -> int:
+        """Return the number of the slot at a time in s, or 0 if that slot is promised."""
+        slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
+        is_slot = 1 <= slot <= self.plan.scenario.slots
+        return slot if is_slot and not self.plan.promised_slots[slot - 1] else 0
+
     def shares_at(self, times: ArrayLike) -> Array:
         """Return the shares of the slots at times (K,) in s for each ground node, (G, K)."""
         times = checked_array('times', times, (None,))
@@ -76,7 +85,7 @@ class Playback:
     def _powers_at(self, times: Array) -> Array:
         """Return the powers at times (K,) in s, (U, K) in W."""
         slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9)
-        padded = np.pad(self.plan.powers, ((0, 0), (1, 1)))
+        padded = np.pad(self._powers, ((0, 0), (1, 1)))
         return padded[:, np.clip(slots, 0, self.plan.scenario.slots + 1).astype(int)]
 
     @property

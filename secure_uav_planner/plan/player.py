@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from .flight import Flight, RateLimit, VELOCITY_JUMP
 from .plan import Plan
 from .playback import Moment, Playback
+from .tracking import PUNCTUAL
 from ..errors import OptionError, quote
 from ..mission.participants import Uav
 from ..model.curve import GAUSS_LEGENDRE
@@ -44,6 +45,7 @@ class Player:
     Plays plans one after another.
 
     :param refuse: called with the reason when a plan is refused.
+    :param mutes_unpromised: as for Playback.
     :ivar flight: its state, or None before any plan.
     :ivar playing: whether the time is to advance: from a start until a pause, a reset or the end.
     :ivar delivered: secret information so far, bit/Hz.
@@ -51,7 +53,9 @@ class Player:
         the plan's time between them.
     """
 
-    def __init__(self, refuse: Callable[[str], None] = lambda reason: None) -> None:
+    def __init__(self, refuse: Callable[[str], None] = lambda reason: None,
+                 mutes_unpromised: bool = False) -> None:
+        self._mutes_unpromised = mutes_unpromised
         self.flight: Flight | None = None
         self._limit: RateLimit | None = None  # Of the rate of the flight.
         self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
@@ -90,10 +94,11 @@ class Player:
         pending until the present plan reaches the time at which the new one begins, or its end.
         A pause and another speed delay both flights alike.
         """
-        new, flight = Playback(plan), self.flight
+        new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan
         if current is not None and plan.identity == current.identity:
-            return False  # Published again, for example by a planner that has been restarted.
+            self._renew(new)  # A planner that was restarted, or predicts receivers for longer.
+            return False
         if current is not None and (problem := _explain_team(plan, current)):
             self.refuse(problem)
             return False
@@ -116,6 +121,23 @@ class Player:
         """Report the reason for which a plan is not played."""
         self._refusal = reason
         self._on_refusal(reason)
+
+    def _renew(self, playback: Playback) -> None:
+        """Go on with the same plan and another promise."""
+        assert self.flight is not None
+        self.flight = self.flight._replace(playback=playback)
+        if self._latest is not None and self._latest.plan.identity == playback.plan.identity:
+            self._latest = playback
+
+    def _check_promise(self, now_ns: int) -> None:
+        """End the promise of a plan for good if its flight is late for its receivers."""
+        assert self.flight is not None
+        plan, state = self.flight.playback.plan, self.flight.state
+        if plan.promised_until is not None and state != 'ended' and (
+                abs(self.flight.lateness(now_ns * 1e-9)) > PUNCTUAL):
+            ended = plan.end_promise(self.flight.time)
+            if ended is not plan:
+                self._renew(Playback(ended, self._mutes_unpromised))
 
     def _adopt(self, flight: Flight) -> None:
         """Begin with the flight of another plan."""
@@ -285,6 +307,7 @@ class Player:
             advance = self.flight.time - before.time
             self._note_advance(before, eavesdropper, is_silent)
         assert self.flight is not None
+        self._check_promise(now_ns)
         moment = self._last = self.flight.moment
         if last is not None:
             scenario = self.flight.playback.plan.scenario

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 import math
-from typing import Any, get_args, Literal, NamedTuple, TypeAlias
+from typing import Any, get_args, Literal, TypeAlias
 
 import numpy as np
 
@@ -115,6 +115,7 @@ class RatedFlight(Checked):
     :ivar shares: a_k[n], of each slot for each ground node, (G, N).
     :ivar objective: whose rate is `rate`.
     :ivar promised_until: time in s from point 0 until which rates are a promise, None for all.
+    :ivar gaps: intervals (begin, end) in s before that time in which rates are not a promise.
     """
 
     scenario: Scenario
@@ -123,6 +124,7 @@ class RatedFlight(Checked):
     shares: Array
     objective: Objective
     promised_until: float | None
+    gaps: tuple[tuple[float, float], ...]
 
     @property
     def times(self) -> Array:
@@ -215,55 +217,6 @@ class RatedFlight(Checked):
 def _positive_part(rates: Array) -> Array:
     """Return [x]^+ of rates: a slot with a negative rate need not transmit."""
     return read_only(np.maximum(rates, 0.0))
-
-
-class Promise(NamedTuple):
-    """
-    The first slots of a plan, whose rates are promised.
-
-    :ivar slots: their number.
-    """
-
-    plan: RatedFlight
-    slots: int
-
-    @property
-    def is_partial(self) -> bool:
-        """Whether the promise ends before the plan."""
-        return self.slots < self.plan.scenario.slots
-
-    @property
-    def guaranteed_rate(self) -> float:
-        """Mean guaranteed rate of the slots in bit/s/Hz; 0 without any."""
-        return self._mean(self.plan.guaranteed_shares)
-
-    @property
-    def worst_case_rate(self) -> float:
-        """Mean worst-case rate of the slots, likewise."""
-        return self._mean(self.plan.worst_case_shares)
-
-    @property
-    def curve_rate(self) -> float:
-        """Mean guaranteed rate along the curve, likewise."""
-        return self._mean(self.plan.curve_shares)
-
-    @property
-    def node_rates(self) -> Array:
-        """Mean rate of the slots by the objective of each ground node, (G,) in bit/s/Hz."""
-        rates = self.plan.node_shares[:, :self.slots]
-        return rates.sum(axis=1) / max(1, self.slots)
-
-    @property
-    def text(self) -> str:
-        """Suffix of a rate in messages: until when it is promised, if not in the whole flight."""
-        return (f' until {self.plan.promised_until:.1f} s, as far as receivers are predicted'
-                if self.is_partial else '')
-
-    def _mean(self, rates: Array) -> float:
-        """Return the least mean over weight of the ground nodes' rates, (G, N)."""
-        if not self.slots:
-            return 0.0
-        return find_least_rate(self.plan.scenario, rates[:, :self.slots].mean(axis=1))
 
 
 def _checked_names(values: Any) -> tuple[str, ...]:

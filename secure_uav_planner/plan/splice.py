@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +15,8 @@ from ..mission.tracks import join_tracks, LEFT_OUT, shift_track, Track
 from ..mission.validation import checked_array, checked_kind
 from ..model.channel.rates import find_head_starts
 from ..model.limits import reduce_budgets
+
+_ROUNDING = 1e-6  # s
 
 _Receiver = TypeVar('_Receiver', GroundNode, Eavesdropper)
 
@@ -50,6 +53,8 @@ def cut_tail(plan: Plan, point: int) -> Plan:
         plan, scenario=rest, positions=plan.positions[:, point:], powers=plan.powers[:, point:],
         shares=plan.shares[:, point:], history=(), bound=None, bits=None, too_short=None,
         promised_until=_shift(plan.promised_until, -point * step),
+        gaps=_cut_gaps(plan.gaps, -point * step, 0.0, math.inf),
+        promise_delay=plan.promise_delay + point * step * (1 / plan.promise_speed - 1),
         start_ns=None if plan.start_ns is None else plan.start_ns + round(point * step * 1e9))
 
 
@@ -62,8 +67,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param point: index of the tail's first point, as passed to cut_tail.
     :param tail: a Plan of the mission of cut_tail, perhaps with other eavesdroppers.
     :param beginning: positions and powers up to the point, if they are not the plan's.
-    :param first: the last point at which the receivers of the plan count, by default `point`;
-        those of the tail count after it.
+    :param first: the last point at which the receivers and the promise of the plan count, by
+        default `point`; those of the tail count after it.
     :return: a Plan of the whole mission.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
@@ -76,14 +81,24 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         positions, powers = (
             checked_array('beginning', values, (len(powers), None, *rest))
             for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
-    delay = point * scenario.slot_duration
+    delay, joint = point * scenario.slot_duration, (first + 1) * scenario.slot_duration
+    until = math.inf if plan.promised_until is None else plan.promised_until
+    before = _cut_gaps(plan.gaps, 0.0, 0.0, min(until, joint))
+    if until < first * scenario.slot_duration - _ROUNDING:
+        before += ((until, joint),)
+    after = tuple(gap for gap in _cut_gaps(
+        tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
+    if before and after and after[0][0] < before[-1][1]:  # One gap goes on in the tail.
+        before, after = before[:-1], ((before[-1][0], after[0][1]), *after[1:])
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
         tail, scenario=whole,
         positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
         powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
-        start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
+        start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
+        gaps=before + after,
+        promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))
 
 
 def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> Scenario:
@@ -133,6 +148,13 @@ def _set_track(receiver: _Receiver, track: Track | None) -> _Receiver:
 
 def _shift(time: float | None, seconds: float) -> float | None:
     return None if time is None else time + seconds
+
+
+def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
+              ) -> tuple[tuple[float, float], ...]:
+    """Return gaps that are so many s later, between two times in s."""
+    moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
+    return tuple((first, last) for first, last in moved if first < last)
 
 
 def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:

@@ -88,7 +88,11 @@ class FollowerReports:
                              for clock, plan in self._pairs])
 
     def is_steady(self) -> bool:
-        """Return True if the plan is paused, or its rate has been constant over a second."""
+        """
+        Return True if the plan is paused, or its rate has been constant over a second.
+
+        A flight that was paused within that second speeds up, however slowly.
+        """
         since, plan = self._since_last() * 1e-9
         rates = np.diff(plan) / np.diff(since)
         if len(rates) == 0 or rates[-1] == 0:
@@ -96,6 +100,8 @@ class FollowerReports:
         # Medians, because a busy machine takes single stamps late.
         halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
                   for begin in (-1.0, -0.5)]
+        if (rates[since[:-1] >= -1.0] == 0).any():
+            return False
         if not all(map(len, halves)):
             return True
         before, after = map(np.median, halves)

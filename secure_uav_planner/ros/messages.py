@@ -246,11 +246,15 @@ def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
 
 def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
                       ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus with the values by key, and numbers with six digits."""
+    """Return a DiagnosticStatus with the values by key: six digits, and `none` for NaN."""
+    def text(value: Any) -> str:
+        if not isinstance(value, float):
+            return str(value)
+        return 'none' if math.isnan(value) else f'{value:.6g}'
+
     return DiagnosticStatus(
         level=level, name=name, message=summary, hardware_id='secure_uav_planner',
-        values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
-                for key, value in values.items()])
+        values=[KeyValue(key=key, value=text(value)) for key, value in values.items()])
 
 
 def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:

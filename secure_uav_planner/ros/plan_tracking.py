@@ -21,31 +21,12 @@ from ..plan.flight import Flight
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import (
-    AchievedRates, deviation, FollowerReports, MeasuredState, PlanClock, PUNCTUAL, SILENCE, Watch)
+    AchievedRates, deviation, FollowerReports, MeasuredState, PUNCTUAL, SILENCE, Watch)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s
 _ROUNDING = 1e-6  # s
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
-
-
-class _TrackedPlan:
-    """
-    A plan that may be flown, and until when its flight has its rates.
-
-    :ivar clock: of the plan, for which its receivers are predicted.
-    :ivar is_dated: whether they move by estimates, so that a late flight leaves them.
-    :ivar end: of the promise in s from point 0, infinite if it lasts as long as the flight.
-    :ivar gaps: before, from the end of the promise of a plan to the begin of the next one's.
-    """
-
-    def __init__(self, plan: Plan, clock: PlanClock) -> None:
-        self.playback, self.clock = Playback(plan), clock
-        self.gaps: list[tuple[float, float]] = []
-        self.is_dated = plan.promised_until is not None
-        self.end = math.inf
-        if plan.promised_until is not None and plan.promised_until < plan.times[-1] - _ROUNDING:
-            self.end = plan.promised_until
 
 
 class PlanTracking:
@@ -60,7 +41,7 @@ class PlanTracking:
 
     def __init__(self, poses: PoseBook) -> None:
         self._poses, self.relays = poses, RelayReports()
-        self._plans: dict[str, _TrackedPlan] = {}  # By identity.
+        self._plans: dict[str, Playback] = {}  # By identity.
         self._published_ns = 0  # The newest plan.
         self._track = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
@@ -74,27 +55,13 @@ class PlanTracking:
         self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
         self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
 
-    def add_plan(self, plan: Plan, now: float, clock: PlanClock | None = None,
-                 begin: float = -math.inf) -> None:
-        """
-        Track a plan that is published now.
-
-        :param clock: the one that its receivers are predicted for, by default that of its start.
-        :param begin: the time of the plan in s from which these count, in a replan.
-        """
-        tracked = _TrackedPlan(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9))
-        flight = self.flight(now)
-        if flight is not None and flight.playback.plan.start_ns == plan.start_ns:
-            last = self._plans[flight.playback.plan.identity]
-            # The point before has the receivers of before.
-            until = begin - plan.scenario.slot_duration
-            tracked.gaps = [gap for gap in (*last.gaps, (last.end, until))
-                            if max(gap[0], flight.time) < gap[1]]
+    def add_plan(self, plan: Plan, now: float) -> None:
+        """Track a plan that is published now."""
         reported = self._reports.identity if self._reports else None
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
-        self._plans[plan.identity] = tracked
+        self._plans[plan.identity] = Playback(plan)
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
@@ -123,21 +90,21 @@ class PlanTracking:
         self._reports.add(clock, plan)
 
     def _start_ns(self, identity: str) -> int | None:
-        tracked = self._plans.get(identity)
-        return None if tracked is None else tracked.playback.plan.start_ns
+        playback = self._plans.get(identity)
+        return None if playback is None else playback.plan.start_ns
 
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
-        tracked = self._plans.get(identity)
-        return tracked is not None and Flight(tracked.playback, (
-            plan_ns - tracked.playback.plan.start_ns) * 1e-9, 0.0).is_under_way
+        playback = self._plans.get(identity)
+        return playback is not None and Flight(
+            playback, (plan_ns - playback.plan.start_ns) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
         """Return the Flight at a time, or None before any report on a plan."""
         reports, now_ns = self._reports, round(now * 1e9)
         if reports is None or reports.identity not in self._plans:
             return None
-        reported = self._plans[reports.identity].playback
-        newest = next(reversed(self._plans.values())).playback
+        reported = self._plans[reports.identity]
+        newest = next(reversed(self._plans.values()))
         # A new plan of the same flight is flown at the same time, as soon as it is adopted.
         is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
@@ -146,44 +113,44 @@ class PlanTracking:
 
     # The promise
 
-    def promised_until(self, plan: Plan) -> float:
-        """Return the time in s from point 0 until which the rates of a plan are promised."""
-        return min(self._plans[plan.identity].end, float(plan.times[-1]))
-
     def _lateness(self, flight: Flight) -> float:
-        """Return the time in s by which a flight is late for its receivers, by its last report."""
-        clock, start_ns = self._reports.last_ns * 1e-9, flight.playback.plan.start_ns
-        reported = flight._replace(time=(self._reports.plan_ns - start_ns) * 1e-9)
-        late = self._plans[flight.playback.plan.identity].clock.to_plan(clock) - reported.time
-        return max(0.0, late) if reported.state == 'waiting' else late
+        """Return the lateness of a flight at its last report in s."""
+        start_ns = flight.playback.plan.start_ns
+        return flight._replace(time=(self._reports.plan_ns - start_ns) * 1e-9).lateness(
+            self._reports.last_ns * 1e-9)
 
-    def check_promise(self, now: float) -> None:
-        """End the promise of a plan for good whose flight is late for its receivers."""
+    def check_promise(self, now: float) -> Plan | None:
+        """End the promise to a flight that is late; return its plan with the promise that ends."""
         flight = self.flight(now)
-        if flight is not None and flight.is_reported and flight.state != 'ended':
-            tracked = self._plans[flight.playback.plan.identity]
-            if tracked.is_dated and abs(self._lateness(flight)) > PUNCTUAL:
-                tracked.end = min(tracked.end, flight.time)
+        if flight is None or not flight.is_reported or flight.state == 'ended':
+            return None
+        plan = flight.playback.plan
+        if plan.promised_until is None or abs(self._lateness(flight)) <= PUNCTUAL:
+            return None
+        ended = plan.end_promise(flight.time)
+        if ended is plan:
+            return None
+        self._plans[plan.identity] = Playback(ended)
+        return ended
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
         """Return True if the promise to a flight ends within a time in s."""
-        return self._plans[flight.playback.plan.identity].end < flight.time + ahead
+        return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
-        plan = flight.playback.plan
-        tracked = self._plans[plan.identity]
-        late = self._lateness(flight)
+        plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []
-        if tracked.end <= flight.time:
+        if end <= flight.time:
+            late = self._lateness(flight)
             reason = ('the receivers that move are predicted no further'
                       if abs(late) <= PUNCTUAL else
                       f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
                       'the receivers that move are predicted for')
-            return [f'the promise of plan {plan.identity} ended at {tracked.end:.1f} s: {reason}; '
+            return [f'the promise of plan {plan.identity} ended at {end:.1f} s: {reason}; '
                     'plan again']
         return [f'the promise ended at {end:.1f} s; the next begins at {begin:.1f} s'
-                for end, begin in tracked.gaps if end <= flight.time < begin][:1]
+                for end, begin in plan.gaps if end <= flight.time < begin][:1]
 
     # Time
 
@@ -307,7 +274,7 @@ class PlanTracking:
                  f'{most:g} m'
             for name, distance in distances.items()
             if flight.state != 'waiting' and distance > most]
-        newest = next(reversed(self._plans.values())).playback
+        newest = next(reversed(self._plans.values()))
         rates = self._track.rates or ('none', 'none')
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
@@ -337,6 +304,12 @@ class PlanTracking:
                 f'{"past" if age > 0 else "future"} and do not count: the clocks of the hosts '
                 'differ; synchronise them (NTP or PTP)')
         return problems
+
+
+def _promise_end(plan: Plan) -> float:
+    """Return the end of the promise in s from point 0; infinite if it is the plan's end."""
+    until, last = plan.promised_until, float(plan.times[-1])
+    return math.inf if until is None or until >= last - _ROUNDING else until
 
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:

@@ -7,11 +7,10 @@ group of its own, so that other callbacks run meanwhile.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 import math
 import time
-from typing import Any
+from typing import Any, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -27,7 +26,8 @@ from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
 from .references import LocalFrames
-from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
+from .scenarios import (
+    explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
 from .settings import (
     check_mission_parameters, check_plan_file, load_plan, save_plan, Settings)
 from .solver import Job, Result, SolverThread
@@ -40,11 +40,13 @@ from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
 from ..plan.flight import Flight
 from ..plan.plan import Plan
-from ..plan.tracking import PlanClock
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
 _SHORTEST_SOLVE = 0.01  # s
+
+Outgoing: TypeAlias = tuple[Plan, dict[str, bytes]]
+"""A plan and its serialized messages by topic."""
 
 
 class Planner(Node):
@@ -180,16 +182,26 @@ class Planner(Node):
         scenario, last = request.scenario, self._state.plan
         initial = last if last and is_similar(scenario, last.scenario) else None
 
-        def work(job: Job) -> tuple[Plan, dict[str, bytes]]:
+        def work(job: Job) -> Outgoing:
             left = None if limit is None else max(
                 _SHORTEST_SOLVE, limit - (time.monotonic() - began))
-            plan = job.solve(scenario, settings, left, initial, settings['deliver'])
+            return date(request, job.solve(
+                scenario, settings, left, initial, settings['deliver']))
+
+        def date(request: Request, plan: Plan) -> Outgoing:
             plan = request.date(plan, self._now_ns())
             return plan, messages.serialize_plan(plan, settings['frame_id'])
 
-        def finish(result: Result) -> None:
+        def finish(result: Result, is_last: bool = False) -> None:
             try:
                 plan, outgoing = result()
+                if not (plan.promise.slots or start.delay or is_last):
+                    # The solve took longer than its receivers were predicted for.
+                    again = request.predict_again(
+                        plan, settings, self._poses, self._now_ns())
+                    self._start(lambda job: date(*again), partial(finish, is_last=True),
+                                'cancelled')
+                    return
                 start.check_in_time(self._now_ns())
                 self._tracking.check_steady(self._now())
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
@@ -249,7 +261,8 @@ class Planner(Node):
         self._checked.set_result(None)
         self._checked = Future()
         self._tracking.observe(settings, now)
-        self._tracking.check_promise(now)
+        if (ended := self._tracking.check_promise(now)) is not None:
+            self._end_promise(ended)
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.end_flight()
@@ -268,14 +281,18 @@ class Planner(Node):
         if remainder is not None:
             self._replan(remainder, settings)
 
+    def _end_promise(self, plan: Plan) -> None:
+        """Keep a plan whose promise has ended, if it is the last one."""
+        if self._state.plan is not None and plan.identity == self._state.plan.identity:
+            self._state.plan = plan
+            self._save(plan)
+
     def _replan(self, remainder: Remainder, settings: Mapping[str, Any]) -> None:
         """Start the solve of a replan."""
         def work(job: Job) -> tuple[Plan, Rejoin, float, dict[str, bytes]]:
             rejoin = remainder.find_rejoin()
-            plan = replace(
-                rejoin.splice(
-                    job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail)),
-                promised_until=remainder.receivers.promised_until)
+            plan = remainder.date(rejoin.splice(
+                job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail)))
             begin = (rejoin.first + 1) * plan.scenario.slot_duration
             return plan, rejoin, begin, messages.serialize_plan(
                 plan, settings['frame_id'], begin)
@@ -291,8 +308,7 @@ class Planner(Node):
                 return
             # Also where the flight is the same: its receivers may have moved.
             is_new = plan.identity != self._state.plan.identity
-            self._publish_plan(
-                plan, outgoing, 'replans' if is_new else '', remainder.clock, begin)
+            self._publish_plan(plan, outgoing, 'replans' if is_new else '', begin)
 
         self._log_notes(remainder.receivers.notes)
         self._start(work, finish, 'the replan was cancelled')
@@ -314,21 +330,19 @@ class Planner(Node):
             self.get_logger().warning(f'plan_file: {describe(error)}; it is not published')
 
     def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], count: str,
-                      clock: PlanClock | None = None, begin: float = -math.inf,
-                      is_restored: bool = False) -> str:
+                      begin: float = -math.inf, is_restored: bool = False) -> str:
         """
         Publish, track and save a plan; return its summary in one line.
 
         :param count: which count to increase; empty for a plan that is not announced.
-        :param clock: as for PlanTracking.add_plan.
-        :param begin: likewise.
+        :param begin: time of the plan in s from which its receivers are the present ones.
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
         now = self._now()
         self._state.keep(plan, count, 'restored: ' if is_restored else '')
         self._local_frames.moves.clear()
-        self._tracking.add_plan(plan, now, clock, begin)
+        self._tracking.add_plan(plan, now)
         self._replanning.end(now, begin)
         if not is_restored:
             self._save(plan)
@@ -376,7 +390,8 @@ class Planner(Node):
                 *self._poses.problems(settings, now), *self._local_frames.problems, *problems,
                 *filter(None, [self._replan_problem, warn_of_namesakes(self)])], progress)
         if plan is not None and plan.scenario.has_tracks:
-            tracks['plan.promised_until'] = self._tracking.promised_until(plan)
+            until, last = plan.promised_until, float(plan.times[-1])
+            tracks['plan.promised_until'] = last if until is None else min(until, last)
         return messages.diagnostic_status(
             self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
             status_values(self._state, progress, is_solving, self._poses, settings, now) | tracks)

@@ -47,7 +47,8 @@ class Replay(Node):
         self._uavs = self._settings['uavs']
         self._frame_id = self._settings['frame_id']
         self._player = Player(lambda reason: self.get_logger().warning(
-            brief(f'the new plan is not played: {reason}')))
+            brief(f'the new plan is not played: {reason}')), self._settings['mute_unpromised'])
+        self._is_promised = True  # Whether the slot of the last setpoint is.
         self._closed, self._ticked = False, time.monotonic()
         self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
         self._vehicles = Vehicles()
@@ -225,6 +226,7 @@ class Replay(Node):
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
             self._streamed += 1
+            self._tell_promise()
         if was_playing and player.ended:
             self._announce_end()
 
@@ -280,6 +282,19 @@ class Replay(Node):
             self._outputs['~/secrecy_rate'].publish(Float64(
                 data=flight.playback.secrecy_rate(flight.time, self._eavesdropper)
                 if moment.powers.any() else 0.0))
+
+    def _tell_promise(self) -> None:
+        """Log when the flight comes into a slot that is not promised, and out of such slots."""
+        flight = self._player.flight
+        slot, identity = (flight.playback.find_unpromised_slot(flight.time),
+                          flight.playback.plan.identity)
+        if slot and self._is_promised:
+            self.get_logger().warning(f'slot {slot} of plan {identity} is not promised; ' + (
+                'no power is sent' if self._settings['mute_unpromised'] else
+                'powers are sent all the same, unless mute_unpromised is set'))
+        elif not slot and not self._is_promised and flight.is_under_way:
+            self.get_logger().info(f'the rates of plan {identity} are promised again')
+        self._is_promised = not slot
 
     def _announce_end(self) -> None:
         delivered, jump = self._player.delivered, self._player.largest_jump

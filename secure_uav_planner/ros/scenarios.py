@@ -112,6 +112,16 @@ class Request(NamedTuple):
         return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
                        promised_until=until - later)
 
+    def predict_again(self, plan: Plan, settings: Mapping[str, Any], poses: PoseBook, now_ns: int
+                      ) -> tuple['Request', Plan]:
+        """Return this request and its plan with receivers that are predicted from now."""
+        clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE)
+        receivers = predict_receivers(
+            settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
+        scenario = replace(plan.scenario, **receivers.fields)
+        return (self._replace(scenario=scenario, clock=clock, receivers=receivers),
+                replace(plan, scenario=scenario))
+
 
 def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
                  states: Sequence[MeasuredState | None], flight: Flight | None) -> Request:
@@ -232,6 +242,14 @@ class Remainder(NamedTuple):
     def clock(self) -> PlanClock:
         """Clock of the plan, for which the receivers are predicted."""
         return PlanClock(self.flight.time, self.now, self.flight.rate)
+
+    def date(self, plan: Plan) -> Plan:
+        """Return its plan with the promise of its receivers."""
+        until, clock = self.receivers.promised_until, self.clock
+        if until is None:
+            return plan
+        return replace(plan, promised_until=until, promise_speed=clock.rate,
+                       promise_delay=clock.to_clock(0.0) - plan.start_ns * 1e-9)
 
     def find_rejoin(self) -> Rejoin:
         """Return the beginning of the replan, or raise an InfeasibleMissionError."""

@@ -13,6 +13,7 @@ from .poses import PoseBook
 from .topics import member_topics
 from ..errors import brief, describe_error, PlanningError, StoppedError
 from ..plan.plan import Iteration, Plan
+from ..plan.promise import rate_text
 from ..plan.results import Bound
 
 _LONGEST_REASON = 4000
@@ -33,6 +34,8 @@ STATUS_KEYS = {
     'plan.age': 'since that time, s; below zero before it',
     'plan.promised_until': 'where receivers move: until when its rates are promised, s from '
                            'point 0',
+    'plan.promised_slots': 'number of slots whose rates are promised; rates are means over these '
+                           'slots, `none` without any',
     'plan.guaranteed_rate': 'its guaranteed rate, bit/s/Hz',
     'plan.worst_case_rate': 'its worst-case rate, bit/s/Hz',
     'plan.node_rate.<ground_node>': 'mean rate of a ground node by the objective, bit/s/Hz',
@@ -100,7 +103,7 @@ class State:
             return self.refusal
         if plan is None:
             return RequestOutcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
-        good = plan.status == 'converged' and not plan.clearance.is_close
+        good = plan.status == 'converged' and not plan.clearance.is_close and plan.promise.slots
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
                               self.prefix + plan_summary(plan, self.bound))
 
@@ -136,13 +139,15 @@ def plan_summary(plan: Plan, bound: Bound | None) -> str:
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
     promise, names = plan.promise, plan.scenario.ground_node_names
     nodes = '' if len(names) == 1 else '; ' + ', '.join(
-        f'{name} {rate:.4f}' for name, rate in zip(names, promise.node_rates, strict=True))
+        f'{name} {rate_text(rate)}' for name, rate in zip(names, promise.node_rates, strict=True))
+    of_all = (f'; {promise.text}; all slots: {plan.guaranteed_rate:.4f}, '
+              f'{plan.worst_case_rate:.4f} bit/s/Hz' if promise.is_partial else '')
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {promise.guaranteed_rate:.4f}, '
-            f'{name("worst_case")} {promise.worst_case_rate:.4f} bit/s/Hz{promise.text}, '
+            f'{name("guaranteed")} {rate_text(promise.guaranteed_rate)}, '
+            f'{name("worst_case")} {rate_text(promise.worst_case_rate)} bit/s/Hz{of_all}, '
             f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
-            f'{promise.curve_rate:.4f}{nodes}' + (f'; {near}' if near else '')
+            f'{rate_text(promise.curve_rate)}{nodes}' + (f'; {near}' if near else '')
             + ('' if bound is None else f'; {bound.claim(plan)}'))
 
 
@@ -227,7 +232,8 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
 def plan_values(plan: Plan) -> dict[str, Any]:
     """Return rates, clearances, energies and the solve of a plan by key of the status."""
     promise = plan.promise
-    return {'plan.guaranteed_rate': promise.guaranteed_rate, 'plan.curve_rate': promise.curve_rate,
+    return {'plan.promised_slots': promise.slots,
+            'plan.guaranteed_rate': promise.guaranteed_rate, 'plan.curve_rate': promise.curve_rate,
             **closest_approach_values(plan), **_energy_values(plan),
             'plan.worst_case_rate': promise.worst_case_rate, **{
                 f'plan.node_rate.{name}': rate for name, rate in zip(

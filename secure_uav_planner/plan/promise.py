@@ -1,0 +1,111 @@
+"""The slots of a plan whose rates are promised, and the mean rates of these slots."""
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .results import RatedFlight
+from ..mission.scenario import Array
+from ..model.channel.rates import find_least_rate
+
+_ROUNDING = 1e-9  # Tolerance of a time, in slots.
+
+Mask: TypeAlias = NDArray[np.bool_]
+"""Whether each slot has a property, (N,)."""
+
+
+def find_promised_slots(plan: RatedFlight) -> Mask:
+    """
+    Return whether each slot of a plan is promised, (N,).
+
+    Slot n is promised if point n lies no later than promised_until and not inside a gap.
+    """
+    step, points = plan.scenario.slot_duration, np.arange(1, plan.scenario.slots + 1)
+    until = math.inf if plan.promised_until is None else plan.promised_until
+    promised = points <= until / step + _ROUNDING
+    for begin, end in plan.gaps:
+        promised &= (points <= begin / step + _ROUNDING) | (points >= end / step - _ROUNDING)
+    promised.setflags(write=False)
+    return promised
+
+
+def rate_text(rate: float, digits: int = 4) -> str:
+    """Return a rate as text, 'none' for the mean of no slots."""
+    return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
+
+
+class Promise(NamedTuple):
+    """
+    The slots of a plan whose rates are promised.
+
+    :ivar mask: whether each slot is promised, (N,).
+    """
+
+    plan: RatedFlight
+    mask: Mask
+
+    @property
+    def slots(self) -> int:
+        """Number of promised slots."""
+        return int(self.mask.sum())
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether a slot is not promised."""
+        return not self.mask.all()
+
+    @property
+    def guaranteed_rate(self) -> float:
+        """Mean guaranteed rate of the promised slots in bit/s/Hz; NaN without any."""
+        return self._mean(self.plan.guaranteed_shares)
+
+    @property
+    def worst_case_rate(self) -> float:
+        """Mean worst-case rate of the promised slots in bit/s/Hz; NaN without any."""
+        return self._mean(self.plan.worst_case_shares)
+
+    @property
+    def rate(self) -> float:
+        """Mean rate of the objective in the promised slots in bit/s/Hz; NaN without any."""
+        return self._mean(self.plan.node_shares)
+
+    @property
+    def curve_rate(self) -> float:
+        """Mean guaranteed rate along the curve in the promised slots; NaN without any."""
+        return self._mean(self.plan.curve_shares)
+
+    @property
+    def node_rates(self) -> Array:
+        """Mean rate of each ground node by the objective in the promised slots, (G,); or NaN."""
+        rates = self.plan.node_shares[:, self.mask]
+        return rates.mean(axis=1) if self.slots else np.full(len(rates), math.nan)
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times (begin, end) in s of the slots that are not promised."""
+        step = self.plan.scenario.slot_duration
+        edges = np.flatnonzero(np.diff(np.pad(~self.mask, 1).astype(int))) + 1
+        return [(float(begin), float(end)) for begin, end in edges.reshape(-1, 2) * step]
+
+    @property
+    def text(self) -> str:
+        """Text that says which slots are promised; empty if all are."""
+        plan = self.plan
+        if not self.is_partial:
+            return ''
+        until = plan.promised_until
+        if not self.slots:
+            return (f'no slot is promised: receivers are predicted until {until or 0.0:.1f} s and '
+                    f'slot 1 begins at {plan.scenario.slot_duration:.1f} s; raise '
+                    'prediction_horizon')
+        return f'{self.slots} of {plan.scenario.slots} slots promised' + (
+            '' if self.mask[-1] or until is None else
+            f', until {until:.1f} s as far as receivers are predicted')
+
+    def _mean(self, rates: Array) -> float:
+        """Return the least mean over weight of the ground nodes' rates, (G, N)."""
+        if not self.slots:
+            return math.nan
+        return find_least_rate(self.plan.scenario, rates[:, self.mask].mean(axis=1))
