@@ -84,9 +84,10 @@ study: $(VENV)/.paper
 	$(BIN)/python -m studies.paper
 
 # Writes the measured tables into the pages, and draws their pictures.
-numbers: study fly bench
+numbers: study fly bench $(VENV)/.test
 	$(BIN)/python -m docs.tools.measured
 	$(BIN)/python -m docs.tools.gallery
+	$(BIN)/python -m docs.tools.screens
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W -b html docs out/docs

@@ -13,20 +13,24 @@ import subprocess
 import sys
 import time
 
+from hypothesis import given, settings, strategies as st
 import numpy as np
 from processes import environment
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.editing import drag, list_handles, to_mission
+from secure_uav_planner.apps.editing import (
+    add_member, drag, find_circle, list_handles, remove_member, set_field, to_mission)
 from secure_uav_planner.apps.explore import Editor
-from secure_uav_planner.mission.formats.mission_file import read_mission
-from secure_uav_planner.output.drawing import rate_label
+from secure_uav_planner.apps.mission_text import MissionText
+from secure_uav_planner.mission.formats.mission_file import EXAMPLE, read_mission
+from secure_uav_planner.output.drawing import map_extent
 from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.pointer_input import PointerInput
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.wait import WebDriverWait
+import shapely
 from test_page import browser_in, PATIENCE, wait_for
 
 PAPER = replace(Scenario.paper(120.0, slots=20), no_fly_zones=(
@@ -54,6 +58,7 @@ READY = """
 const plots = ['map', 'charts'].map(name => document.getElementById(name)?.querySelector(
     '.main-svg'));
 return document.getElementById('words')?.innerText.includes('worst-case')
+    && document.getElementById('state').innerText.includes('planned')
     && document.querySelector('#fields [role=slider]')
     && plots.every(plot => plot?.querySelector('.scatterlayer .trace')
                    && plot.clientHeight === plot.closest('.dash-graph').clientHeight);"""
@@ -102,12 +107,106 @@ def test_a_dragged_edge_of_a_disc_is_a_new_radius_around_its_centre(edge, sign):
     assert (eve.position, eve.error_radius) == ((200.0, 0.0), 35.0)
 
 
+@pytest.mark.parametrize('change, center, radius', [
+    ({'x0': 20.0, 'x1': 20.0, 'y0': -15.0, 'y1': -15.0}, (220.0, -15.0), 50.0),
+    ({'x1': 30.0}, (200.0, 0.0), 80.0)])
+def test_a_circle_of_many_corners_is_dragged_as_a_circle(change, center, radius):
+    angles = np.arange(32) * np.pi / 16
+    corners = np.array([200.0, 0.0]) + 50.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    mission = to_mission(replace(PAPER, no_fly_zones=(NoFlyZone(tuple(
+        map(tuple, corners.round(3))), name='mast'),)))
+    numbers = [number for number, handle in enumerate(list_handles(mission))
+               if handle.place[0] == 'no_fly_zones']
+    assert len(numbers) == 1
+    shape = list_handles(mission)[numbers[0]].shape
+    after = drag(mission, {f'shapes[{numbers[0]}].{name}': shape[name] + value
+                           for name, value in change.items()})
+    vertices = after['no_fly_zones'][0]['vertices']
+    assert len(vertices) == 32
+    assert find_circle(vertices) == pytest.approx((*center, radius), abs=0.02)
+    assert find_circle(PAPER.no_fly_zones[0].vertices) is None
+
+
+@pytest.mark.parametrize('scenario', [PAPER, EVERYTHING, Scenario.load(CITY)])
+def test_what_is_added_is_off_the_zones_and_can_be_flown(scenario):
+    mission = to_mission(scenario)
+    for kind in ('zone', 'jammer', 'zone', 'eavesdropper', 'jammer'):
+        mission = add_member(mission, kind, map_extent(scenario))
+    after = Scenario.from_dict(mission)  # It refuses starts and goals in zones.
+    zones = [shapely.Polygon(zone.vertices) for zone in after.no_fly_zones]
+    for uav in after.uavs[len(scenario.uavs):]:
+        assert min(shapely.Point(end).distance(zone) for zone in zones for end in (
+            uav.start, uav.goal)) > 1.0 + after.tracking_margin
+
+
+# The text of the mission
+
+
+@pytest.fixture
+def airspace(tmp_path):
+    """Return a mission file in degrees with the airspace of a file."""
+    (tmp_path / 'zones.geojson').write_text(json.dumps({'type': 'Polygon', 'coordinates': [[
+        [8.5478, 47.3995], [8.5491, 47.3995], [8.5491, 47.4004], [8.5478, 47.3995]]]}))
+    file = tmp_path / 'mission.yaml'
+    file.write_text(f"""# The square
+origin: {{latitude: 47.3977, longitude: 8.5456}}
+airspace: zones.geojson  # of the authority
+ground_node: {{latitude: 47.3977, longitude: 8.5456}}  # the kiosk
+{EXAMPLE.read_text().partition('at height 0; of one that moves:')[2].partition(
+    'no_fly_zones')[0].partition('as below')[2]}""")
+    return file
+
+
+def test_a_loaded_text_keeps_comments_degrees_and_airspace_where_nothing_is_changed(airspace):
+    source = MissionText(airspace)
+    before = to_mission(source.scenario)
+    assert len(before['no_fly_zones']) == 1
+    after = set_field(before, 'mission', 'duration', 120.0)
+    text = source.change(source.text, before, after)
+    changed = [line for line in text.splitlines() if line not in source.text.splitlines()]
+    assert [line.split(':')[0] for line in changed] == ['duration', 'slots']
+    assert all('  # ' in line for line in changed) and source.read(text).duration == 120.0
+    dragged = drag(after, {'shapes[0].path': 'M-20,200L70,200L70,300Z'})
+    text = source.change(text, after, dragged)
+    assert 'airspace' not in text and 'latitude: 47.3977' in text and '# the kiosk' in text
+    assert to_mission(source.read(text)) == dragged
+
+
+@settings(max_examples=30, deadline=None)
+@given(file=st.sampled_from((EXAMPLE, CITY)), edits=st.lists(st.one_of(
+    st.tuples(st.just('add'), st.sampled_from(('zone', 'jammer', 'eavesdropper'))),
+    st.tuples(st.just('remove'), st.integers(0, 11)),
+    st.tuples(st.just('power'), st.integers(1, 4)),
+    st.tuples(st.just('move'), st.integers(0, 11))), max_size=4))
+def test_the_text_is_the_mission_after_any_edits_and_keeps_its_first_comment(file, edits):
+    source = MissionText(file)
+    mission, text = to_mission(source.scenario), source.text
+    for what, value in edits:
+        shapes = list_handles(mission)
+        number = value % len(shapes) if isinstance(value, int) else 0
+        shift = {name: shapes[number].shape[name] + 1.0 for name in ('xanchor', 'x0', 'x1')
+                 if name in shapes[number].shape}
+        after = {
+            'add': lambda: add_member(mission, value, map_extent(source.scenario)),
+            'remove': lambda: remove_member(mission, number),
+            'power': lambda: set_field(mission, 'transmitter', 'average_power', value / 2),
+            'move': lambda: drag(mission, {f'shapes[{number}].{name}': place
+                                           for name, place in shift.items()})}[what]()
+        try:
+            wanted = Scenario.from_dict(after)
+        except ValueError:
+            continue
+        text, mission = source.change(text, mission, after), after
+        assert source.read(text) == wanted
+        assert text.startswith(source.text.partition('\n')[0])
+
+
 # Solves
 
 
 def test_a_solve_tells_its_progress_and_ends_when_the_mission_changes(monkeypatch):
     monkeypatch.setattr('secure_uav_planner.apps.explore._TIME_LIMIT', 600.0)
-    editor = Editor(Scenario.load(CITY))
+    editor = Editor(MissionText(CITY))
     slow = editor.solve()
     while not editor.progress.startswith('planning: '):
         assert not slow.done()
@@ -120,9 +219,9 @@ def test_a_solve_tells_its_progress_and_ends_when_the_mission_changes(monkeypatc
     assert fast.result().positions.tolist() == solve(PAPER).positions.tolist()
 
 
-def test_a_solve_ends_after_a_few_seconds_with_what_it_has():
-    large = replace(Scenario.load(CITY), duration=2000.0, slots=2000)
-    plan = Editor(large).solve()
+def test_a_solve_ends_after_a_few_seconds_with_what_it_has(tmp_path):
+    replace(Scenario.load(CITY), duration=2000.0, slots=2000).save(tmp_path / 'large.yaml')
+    plan = Editor(MissionText(tmp_path / 'large.yaml')).solve()
     assert not wait([plan], PATIENCE).not_done
     assert plan.exception() or plan.result().status == 'time_limit'
 
@@ -203,7 +302,10 @@ class Page:
     def wait_for_plan(self):
         """Wait until the plan shown is solve of the mission shown."""
         plan = solve(self.mission)
-        wait_for(self.browser, lambda: self.text('words').startswith(rate_label(plan)))
+        rates = [f'{rate:.3f}' for rate in (plan.worst_case_rate, plan.guaranteed_rate)]
+        wait_for(self.browser, lambda: [
+            rate.text for rate in self.browser.find_elements(By.CSS_SELECTOR, '#words b')
+        ][:2] == rates and self.text('state').startswith('planned in '))
         wait_for(self.browser, lambda: np.allclose(self.path(0), plan.positions[0].T))
         return plan
 
@@ -265,6 +367,9 @@ def test_a_start_in_a_zone_is_told_and_the_last_plan_stays(page):
     wait_for(page.browser, lambda: 'uav2.start is' in page.text('problem'))
     assert 'inside tower' in page.text('problem') and page.yaml != yaml
     assert page.text('words') == words and page.path(0) == path
+    rates = page.browser.find_element(By.ID, 'words')
+    assert page.text('state') == 'cannot be flown' and rates.get_attribute('class') == 'old'
+    assert float(rates.value_of_css_property('opacity')) < 0.5  # Of another mission: paler.
     page.click('undo')
     wait_for(page.browser, lambda: page.yaml == yaml and page.text('problem') == '')
     page.wait_for_plan()
@@ -272,7 +377,7 @@ def test_a_start_in_a_zone_is_told_and_the_last_plan_stays(page):
 
 def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
     before = page.yaml
-    x, y = page.middle_of('#fields > :first-child [role=slider]')
+    x, y = page.middle_of('#fields details [role=slider]')
     page.drag((x, y), (x + 15, y))
     page.wait_for_change(before)
     mission = page.mission
@@ -310,7 +415,7 @@ def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):
     page.drag((x, y), (x + 40, y))
     page.wait_for_change(before)
     difference = solve(page.mission).rate - kept.rate
-    assert f'{difference:+.2f} bit/s/Hz' in page.text('words')
+    assert f'{difference:+.2f}' in page.text('words') and 'against' in page.text('words')
     grey = page.browser.execute_script("""
         return document.querySelector('#map .js-plotly-plot').data
             .filter(trace => trace.line.color === '#BBBBBB').map(trace => [trace.x, trace.y]);""")
@@ -363,6 +468,43 @@ def test_the_page_fits_a_screen_asks_its_own_server_only_and_logs_no_errors(
         assert [log for log in browser.get_log('browser') if log['level'] == 'SEVERE'] == []
     finally:
         browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_at_1280_by_800_map_rates_and_first_sliders_are_seen_and_no_legend_is_on_the_map(
+        browser, url):
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
+        'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False})
+    try:
+        page = Page(browser, url)
+        page.wait_for_plan()
+        boxes = {name: browser.execute_script("""
+            const box = document.querySelector(arguments[0]).getBoundingClientRect();
+            return [box.left, box.top, box.right, box.bottom];""", name) for name in (
+                '#words b', '#map', '#charts', '#fields details [role=slider]', '#legend')}
+        assert all(0 <= left < right <= 1280 and 0 <= top < bottom <= 800
+                   for left, top, right, bottom in boxes.values())
+        assert boxes['#legend'][3] <= boxes['#map'][1]
+        x, y = browser.execute_script("""
+            const {xaxis, yaxis, _size} = document.querySelector(
+                '#map .js-plotly-plot')._fullLayout;
+            return [[...xaxis.range, xaxis._length / _size.w],
+                    [...yaxis.range, yaxis._length / _size.h]];""")
+        assert x[2] == y[2] == 1.0  # The map fills its panel.
+        for (low, high, _), places in zip((x, y), zip(*map_extent(PAPER))):
+            room = np.ptp(map_extent(PAPER), axis=0).max() / 3
+            assert low <= places[0] - 0.99 * room and high >= places[1] + 0.99 * room
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_a_page_that_outlives_its_server_is_told_to_reload(page):
+    page.wait_for_plan()
+    page.browser.get_log('browser')
+    page.browser.execute_script("dash_clientside.set_props('page', {data: 'of another run'})")
+    page.click('undo')
+    wait_for(page.browser, lambda: page.text('state') == (
+        'this page is older than its server: reload'))
+    assert [log for log in page.browser.get_log('browser') if log['level'] == 'SEVERE'] == []
 
 
 # Who is answered

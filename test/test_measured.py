@@ -7,6 +7,8 @@ from benchmarks import __main__ as bench
 from docs.tools import gallery, measured
 import pytest
 import secure_uav_planner
+from secure_uav_planner import Scenario, solve
+from secure_uav_planner.mission.formats.mission_file import EXAMPLE
 from studies import paper as study
 
 pytestmark = pytest.mark.slow
@@ -59,6 +61,14 @@ def test_the_pictures_of_a_page_of_the_gallery_are_of_its_programs_and_of_what_t
         assert content.startswith(b'\x89PNG') and gallery.describe_page(page).encode() in content, (
             f'draw it anew: python -m docs.tools.gallery {page.stem}')
         assert len(content) < 150_000
+
+
+def test_the_pictures_of_explore_show_the_rates_of_today():
+    plan = solve(Scenario.load(EXAMPLE))
+    for name in ('explore-1', 'explore-6'):
+        content = (measured.DOCS / f'{name}.png').read_bytes()
+        for rate in (plan.worst_case_rate, plan.guaranteed_rate):
+            assert f'{rate:.3f}'.encode() in content, 'draw them anew: python -m docs.tools.screens'
 
 
 @pytest.mark.soak

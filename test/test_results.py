@@ -55,6 +55,18 @@ def test_what_could_not_be_flown_is_counted_and_no_curve_begins_later():
     assert [text.get_text() for text in axes.texts] == ['n = 7']
 
 
+def test_fly_hover_fly_has_the_line_that_it_has_in_all_views():
+    rows = rows_of_campaign(second=[1.0])
+    for row in rows:
+        del row['fields']['second']
+    rows += [{**row, 'method': f'fly_hover_fly_{power}'} for row in rows
+             for power in ('constant', 'optimised')]
+    [axes] = draw_figure(rows).axes
+    lines = {line.get_label(): line.get_linestyle() for line in axes.lines}
+    assert (lines['joint'], lines['fly-hover-fly, constant power'],
+            lines['fly-hover-fly, optimised power']) == ('-', '--', ':')
+
+
 def test_a_third_and_a_fourth_field_are_small_multiples():
     figure = draw_figure(rows_of_campaign(
         second=[1, 2], third=['a', 'b', 'c'], fourth=[0, 7], fifth=[1, 2]))

@@ -11,6 +11,7 @@ def save_png(picture: str | PathLike[str], path: str | PathLike[str], descriptio
     content = PngInfo()
     content.add_itxt('Description', description)
     with Image.open(picture) as image:
-        # Without dither, which grains plain areas.
-        image.convert('RGB').quantize(256, dither=Image.Dither.NONE).save(
-            path, pnginfo=content, optimize=True)
+        # The median cut loses colours of small marks, and dither grains plain areas.
+        image.convert('RGB').quantize(
+            256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+                path, pnginfo=content, optimize=True)

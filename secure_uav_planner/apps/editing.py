@@ -12,6 +12,7 @@ import re
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from ..errors import FieldPath
 from ..mission.scenario import Array, Scenario
@@ -21,7 +22,10 @@ Mission = dict[str, Any]
 """Plain values, as Scenario.to_dict returns them and JSON has them."""
 
 _OPTIONAL = ('max_acceleration', 'outage')  # 0 on a slider is null in a mission.
+_LEAST_CORNERS = 16  # Of a polygon that is dragged as a circle, as ground stations write them.
+_ROUNDNESS = 0.02  # Largest difference of its radii, and of its edges, in radii.
 _DISC = ((9, 0), (6, 6), (0, 9), (-6, 6), (-9, 0), (-6, -6), (0, -9), (6, -6))
+_MOST_RINGS = 20  # Around the middle of the map, where room for a new member is sought.
 _SQUARE = ((-8, -8), (8, -8), (8, 8), (-8, 8))
 _DIAMOND = ((5, 0), (0, 5), (-5, 0), (0, -5))
 _TRIANGLE = ((-9, -7), (9, -7), (0, 10))
@@ -59,6 +63,10 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
         areas.insert(0, (('geofence',), ('geofence',), GEOFENCE, ''))
     for owner, place, color, text in areas:
         vertices = reduce(operator.getitem, place, mission)
+        if circle := find_circle(vertices):
+            yield Handle({**_draw_circle(*circle, color), 'opacity': 0.6, 'label': {'text': text}},
+                         place, owner)
+            continue
         # Plotly drags an open path by its line only, so that the map inside a fence stays free.
         is_fence = color == GEOFENCE
         outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:is_fence]])
@@ -81,9 +89,8 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
                      (owner, (*eve['position'], eve['error_radius']), name)]
         for place, (x, y, radius), text in discs:
             removes = place if len(discs) > 2 else owner
-            yield Handle({'type': 'circle', 'x0': x - radius, 'x1': x + radius, 'y0': y - radius,
-                          'y1': y + radius, 'fillcolor': EAVESDROPPER, 'opacity': 0.5,
-                          'line': {'color': EAVESDROPPER}}, place, removes)
+            yield Handle({**_draw_circle(x, y, radius, EAVESDROPPER), 'opacity': 0.5},
+                         place, removes)
             yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), place, removes)
     nodes: list[tuple[FieldPath, Any]] = [
         (('ground_nodes', number), node)
@@ -99,6 +106,23 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
                 node, Mapping) else (owner, node)
             yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), place,
                          owner if len(nodes) > 1 else ())
+
+
+def _draw_circle(x: float, y: float, radius: float, color: str) -> dict[str, Any]:
+    return {'type': 'circle', 'x0': x - radius, 'x1': x + radius, 'y0': y - radius,
+            'y1': y + radius, 'fillcolor': color, 'line': {'color': color}}
+
+
+def find_circle(vertices: Any) -> tuple[float, float, float] | None:
+    """Return centre and radius of a regular polygon of many corners, None for other polygons."""
+    if len(vertices) < _LEAST_CORNERS:
+        return None
+    corners = np.asarray(vertices)
+    center = corners.mean(axis=0)
+    radii = np.hypot(*(corners - center).T)
+    edges = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    is_round = all(np.ptp(lengths) <= _ROUNDNESS * radii.mean() for lengths in (radii, edges))
+    return (*center.tolist(), radii.mean().item()) if is_round else None
 
 
 def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[str, Any]:
@@ -138,6 +162,10 @@ def drag(mission: Mission, changes: Mapping[str, Any]) -> Mission:
 
 def _move(shape: Mapping[str, Any], value: Any) -> Any:
     """Return the value of a shape that was moved or resized, to 0.1 m."""
+    if shape['type'] == 'circle' and isinstance(value, list) and isinstance(value[0], list):
+        x, y, radius = find_circle(value) or (0.0, 0.0, 1.0)
+        *center, reach = _read_disc(shape, x, y, radius)
+        return np.round((np.subtract(value, (x, y)) * (reach / radius) + center), 2).tolist()
     if shape['type'] == 'circle':
         moved = _read_disc(shape, *value[1:]) if isinstance(value, list) else _read_disc(
             shape, *value['position'], value['error_radius'])
@@ -184,8 +212,9 @@ def _list_owners(mission: Mission, owner: str) -> list[Any]:
 
 
 def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
-    """Return the mission with one more eavesdropper, jammer or zone in the middle of a map."""
-    (x, y), size = extent.mean(axis=0).round().tolist(), float(np.ptp(extent, axis=0).max() // 25)
+    """Return the mission with one more eavesdropper, jammer or zone near the middle of a map."""
+    size = float(np.ptp(extent, axis=0).max() // 40)
+    x, y = _find_room(mission, extent.mean(axis=0).round(), size)
     field, member = {
         'eavesdropper': ('eavesdroppers', {'position': [x, y], 'error_radius': size}),
         'zone': ('no_fly_zones', {'vertices': [
@@ -199,3 +228,22 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
     names = {present['name'] for present in mission[field]}
     name = next(name for number in itertools.count(1) if (name := f'{kind}{number}') not in names)
     return {**mission, field: [*mission[field], copy.deepcopy({**member, 'name': name})]}
+
+
+def _find_room(mission: Mission, middle: Array, size: float) -> list[float]:
+    """Return the place nearest to the middle where a square of 2 size is off zones and UAVs."""
+    margin = mission['tracking_margin']
+    taken = [shapely.Polygon(zone['vertices']).buffer(margin + 0.2 * size)
+             for zone in mission['no_fly_zones']]
+    taken += [shapely.Point(uav[end]).buffer(margin + 0.2 * size)
+              for uav in mission['uavs'] for end in ('start', 'goal')]
+    fence = mission['geofence'] and shapely.Polygon(mission['geofence']).buffer(-margin)
+    for radius in range(_MOST_RINGS):
+        for angle in np.arange(max(1, 6 * radius)) * 2 * np.pi / max(1, 6 * radius):
+            x, y = place = (middle + radius * size * np.array([np.cos(angle), np.sin(angle)])
+                            ).round().tolist()
+            square = shapely.box(x - size, y - size, x + size, y + size)
+            if not any(map(square.intersects, taken)) and (
+                    not fence or fence.contains(square)):
+                return place
+    return middle.tolist()

@@ -7,6 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from .campaign_file import BASELINES
 from .tasks import ERROR, FAULT, Row, WORKER_LOST
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
@@ -15,7 +16,8 @@ from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
 from ..mission.propagation import Channel, rate_name
 from ..mission.scenario import Scenario
 
-_DASHES = ('-', '--', ':', '-.')
+_DASHES = ('-', (0, (6, 1)), (0, (4, 1, 1, 1)))  # Of methods; baselines have their own.
+_GREY = '0.45'  # Of baselines.
 _UNITS = {field.name: field.metadata['unit']
           for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
           for field in fields(kind)}
@@ -28,7 +30,7 @@ _COORDINATES = {'0': 'east', '1': 'north'}
 _MOST_LINES = 6  # Values of a second field, and panels of a third and a fourth.
 _MOST_PLACES = 3  # With missions that could not be flown, named in the figure.
 _LATER = 'second', 'third', 'fourth'
-_LABEL_WIDTH = 40  # In characters.
+_LABEL_WIDTH = 40  # Letters in a line of a label.
 _QUANTILES = 0.1, 0.5, 0.9
 _EMPTY_POINT = 'x'  # Marker of points whose missions could not be flown.
 
@@ -126,16 +128,21 @@ def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | Non
 
 def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
     """Draw the rates of a group over x: a colour for each second value, a dash for each method."""
-    from ..output.drawing import uav_color
-    methods, values = frame.method.unique().tolist(), frame.second.unique().tolist()
+    from ..output.drawing import scheme_dash, scheme_name, uav_color
+    schemes = {method: method.partition(', ')[0] for method in frame.method.unique()}
+    methods = [method for method, scheme in schemes.items() if scheme not in BASELINES]
+    values = frame.second.unique().tolist()
     for (method, value), chosen in group.groupby(['method', 'second'], sort=False):
         by_x = chosen.groupby('x').rate
         flown, asked = by_x.count(), by_x.size()
         band = by_x.quantile(_QUANTILES).unstack()
-        number = values.index(value) if value else methods.index(method)
-        color = uav_color(number)
-        dash = _DASHES[methods.index(method) % len(_DASHES)] if value else '-'
-        label = ', '.join(filter(None, (value, method if len(methods) > 1 or not value else '')))
+        is_baseline = method not in methods
+        color = uav_color(values.index(value)) if value else (
+            _GREY if is_baseline else uav_color(methods.index(method)))
+        dash = scheme_dash(schemes[method]) if is_baseline else (
+            _DASHES[methods.index(method) % len(_DASHES)])
+        label = ', '.join(filter(None, (value, scheme_name(method) if (
+            len(schemes) > 1 or not value) else '')))
         axes.plot(band.index, band[0.5], dash, color=color, linewidth=1.8, label=label)
         for quantile in (_QUANTILES[0], _QUANTILES[-1]):
             axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)

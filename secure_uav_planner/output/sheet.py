@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 _EDGE, _GAP, _PART_GAP = 0.12, 0.08, 0.25
-_MOST_HEIGHT = 9.0  # Of the text on a page.
+_MOST_HEIGHT = 9.0  # Height of the text on a page.
 _LEAST_BESIDE = 6.0  # Width from which the charts stand beside the map.
 _FLATTEST_BESIDE = 0.5  # Height of a map in widths, below which the charts stand under it.
 _MOST_MAP = 0.5  # Height of a map beside charts, in widths of the figure.

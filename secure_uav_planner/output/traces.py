@@ -11,7 +11,7 @@ from ..model import channel
 
 _LEAST_POWER = 2e-5  # Least power on the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
-_DASHES = ('solid', 'dash', 'dot', 'dashdot')
+LINE_STYLES = ('solid', 'dash', 'dot', 'dashdot')  # Of the UAVs, in turn.
 _TRACK_MARKS = 5  # Times at the track of a receiver.
 _PLOTLY_DASHES = {'--': 'dash', ':': 'dot', '-.': 'dashdot'}  # By those of Matplotlib.
 _GREY = '#808080'
@@ -197,7 +197,8 @@ def label_charts(figure, column):
 def _uav_style(index, uav):
     """Return the style of the lines of a UAV, on the map and in its chart."""
     return {'mode': 'lines', 'legendgroup': uav.name,
-            'line': {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}}
+            'line': {'color': uav_color(index), 'width': 2,
+                     'dash': LINE_STYLES[index % len(LINE_STYLES)]}}
 
 
 def _scatter(points, **options):

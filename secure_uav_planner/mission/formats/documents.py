@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -95,7 +96,7 @@ def read_document(path: str | os.PathLike[str], text: str | None = None) -> Docu
     """
     try:
         text = read_text(path, MOST_BYTES) if text is None else text
-        return _parse_json(text) if _is_json(path) else _parse_yaml(text)
+        return _parse_json(text) if is_json(path) else _parse_yaml(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(error.lineno, f'{error.msg} at column {error.colno}')
     except yaml.MarkedYAMLError as error:
@@ -127,14 +128,21 @@ def make_file_error(path: str | os.PathLike[str], problems: Iterable[FileProblem
 
 def format_document(path: str | os.PathLike[str], data: Any) -> str:
     """Return the text of a file with these data, in the notation that read_document expects."""
-    if _is_json(path):
+    if is_json(path):
         return json.dumps(data, indent=2, allow_nan=False) + '\n'
     # Lists of numbers, such as places, on one line.
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None,
                      allow_unicode=True, width=95)
 
 
-def _is_json(path: str | os.PathLike[str]) -> bool:
+def format_value(value: Any) -> str:
+    """Return a plain value as YAML in one line."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=True,
+                     allow_unicode=True, width=math.inf).removesuffix('...\n').rstrip('\n')
+
+
+def is_json(path: str | os.PathLike[str]) -> bool:
+    """Return True if the name of a file says that it is JSON."""
     return Path(path).suffix.lower() == '.json'
 
 

@@ -33,12 +33,14 @@ _FOREIGN_FILES = {
                        'parameter mission_file names'}
 
 
-def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None = None) -> Any:
+def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None = None,
+                 airspace: Any = None) -> Any:
     """
     Read the mission of a file; see Scenario.load.
 
     :param kind: the class Scenario, which imports this module.
-    :param text: what the file has, if that is no file yet; it may then name no other file.
+    :param text: what the file has, if that is no file yet.
+    :param airspace: the only `airspace` that such a text may name; None for none.
     """
     document = read_document(path, text)
     check_foreign(path, document.data, *_FOREIGN_FILES)
@@ -48,7 +50,8 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
             None, 'the file is empty; it must have the fields of a mission'), *problems])
     errors = ErrorList()
     with yaml_notation():
-        if text is None and isinstance(data, dict) and 'airspace' in data:
+        if isinstance(data, dict) and 'airspace' in data and (
+                text is None or airspace is not None and data['airspace'] == airspace):
             with errors.collecting():
                 _add_airspace(data, Path(path).parent)
         with errors.collecting():

@@ -1,0 +1,231 @@
+"""The text of a mission that is edited: what is not changed keeps its comments and notation."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+import copy
+from functools import reduce
+import operator
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .editing import Mission, to_mission
+from ..errors import FieldPath, MissionFileError, ScenarioError
+from ..mission.files import read_text
+from ..mission.formats.documents import (
+    format_document, format_value, is_json, MOST_BYTES, read_document)
+from ..mission.formats.mission_file import read_mission
+from ..mission.scenario import Scenario
+
+_YAML = 'mission.yaml'
+_REMOVED = object()  # Value of a change that removes.
+_MOST_PASSES = 10
+_AREAS = ('no_fly_zones', 'geofence')  # What the file of an `airspace` has.
+
+
+class MissionText:
+    """
+    A mission file.
+
+    :ivar name: of the mission, for people.
+    :ivar scenario: its Scenario.
+    :ivar text: its content as YAML.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """
+        Read a mission file.
+
+        :raises OSError: when it cannot be read.
+        :raises MissionFileError: as Scenario.load does.
+        """
+        self.scenario = Scenario.load(path)
+        self.name = Path(path).stem.replace('_', ' ')
+        self.text = read_text(path, MOST_BYTES).removeprefix('\ufeff')
+        data = read_document(path).data
+        if is_json(path):
+            self.text = format_document(_YAML, data)
+        self._airspace = data.get('airspace')
+        self._path = Path(path).with_name(_YAML)  # Its folder has the file of the airspace.
+
+    def read(self, text: str) -> Scenario:
+        """
+        Return the Scenario of another text, which may name the airspace of this file and no other.
+
+        :raises MissionFileError: with the lines of all that is wrong.
+        """
+        return read_mission(self._path, Scenario, text, self._airspace)
+
+    def change(self, text: str, before: Mission, after: Mission) -> str:
+        """
+        Return the text of a mission after an edit.
+
+        Values that stay keep their notation, such as degrees, and comments beside them stay.
+
+        :param text: of the mission before, as to_mission returns it.
+        """
+        for list_changes in (_list_changes, _list_fields):
+            with suppress(MissionFileError, yaml.YAMLError, LookupError, TypeError):
+                changed = _change(text, before, after, list_changes)
+                if changed is not None and self._is_text_of(changed, after):
+                    return changed
+        return format_document(_YAML, after)
+
+    def _is_text_of(self, text: str, mission: Mission) -> bool:
+        """Return True if a text has a mission, or one that cannot be read since it is invalid."""
+        try:
+            return to_mission(self.read(text)) == to_mission(Scenario.from_dict(mission))
+        except ScenarioError:
+            return True
+
+
+def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
+    """
+    Return a text whose values differ as two missions do, None if that is not found.
+
+    :param list_changes: _list_changes, or _list_fields where other values refer to what is edited.
+    """
+    wanted = read_document(_YAML, text).data
+    changes = [*_list_changes(before, after)]
+    if 'airspace' in wanted and any(path[0] in _AREAS for path, _ in changes):
+        del wanted['airspace']
+        wanted |= {name: after[name] for name in _AREAS}
+        changes = [change for change in changes if change[0][0] not in _AREAS]
+    for path, value in changes:
+        _set_value(wanted, path, value)
+    for _ in range(_MOST_PASSES):  # An edit of what other values are merged from changes these.
+        changes = [*list_changes(read_document(_YAML, text).data, wanted)]
+        if not changes:
+            return text
+        text = _edit(text, changes, wanted)
+    return None
+
+
+def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
+        tuple[FieldPath, Any]]:
+    """Yield path and value of each difference of plain values, the smallest there are."""
+    if present == wanted:
+        return
+    if isinstance(present, dict) and isinstance(wanted, dict):
+        for key in present.keys() | wanted.keys():
+            if key not in wanted:
+                yield (*path, key), _REMOVED
+            elif key not in present:
+                yield (*path, key), wanted[key]
+            else:
+                yield from _list_changes(present[key], wanted[key], (*path, key))
+        return
+    if isinstance(present, list) and isinstance(wanted, list):
+        shared = min(len(present), len(wanted))
+        first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
+        if len(present) == len(wanted) and any(
+                isinstance(item, (dict, list)) for item in wanted):
+            for index, items in enumerate(zip(present, wanted)):
+                yield from _list_changes(*items, (*path, index))
+            return
+        if first == len(present):
+            yield from (((*path, index), wanted[index]) for index in range(first, len(wanted)))
+            return
+        if present[:first] + present[first + 1:] == wanted:
+            yield (*path, first), _REMOVED
+            return
+    yield path, wanted
+
+
+def _list_fields(present: Any, wanted: Any) -> Iterator[tuple[FieldPath, Any]]:
+    """Yield the fields of a mission that differ, each as a whole."""
+    for key in present.keys() | wanted.keys():
+        if present.get(key, _REMOVED) != wanted.get(key, _REMOVED):
+            yield (key,), wanted.get(key, _REMOVED)
+
+
+def _set_value(data: Any, path: FieldPath, value: Any) -> None:
+    """Change the value at a path of plain values; a list grows by an item at its end."""
+    *way, last = path
+    owner = reduce(lambda owner, key: owner.setdefault(key, {}) if isinstance(owner, dict)
+                   else owner[key], way, data)
+    if value is _REMOVED:
+        del owner[last]
+    elif isinstance(owner, list) and last == len(owner):
+        owner.append(copy.deepcopy(value))
+    else:
+        owner[last] = copy.deepcopy(value)
+
+
+def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
+    """Return a text with the changes, whose values are plain ones or _REMOVED."""
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    edits = {_edit_value(text, root, path, value, wanted) for path, value in changes}
+    reached = len(text)
+    for start, end, words in sorted(edits, reverse=True):
+        if end <= reached:  # Edits inside other edits follow at the next pass.
+            text, reached = text[:start] + words + text[end:], start
+    return text
+
+
+def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: Any) -> tuple[
+        int, int, str]:
+    """Return start, end and the new words of the part of a text that has a value."""
+    node, depth = root, 0
+    while depth < len(path) and (child := _find_child(node, path[depth])) is not None:
+        owner, node, depth = node, child, depth + 1
+    if depth == len(path) and value is not _REMOVED:
+        return node.start_mark.index, _find_end(text, node), format_value(value)
+    if depth == len(path):
+        if owner.flow_style:
+            return (owner.start_mark.index, owner.end_mark.index,
+                    format_value(reduce(operator.getitem, path[:-1], wanted)))
+        return _find_lines(text, owner, path[-1])
+    words = format_value(reduce(operator.getitem, path[:depth + 1], wanted))
+    if isinstance(node, yaml.MappingNode):
+        words = f'{path[depth]}: {words}'
+    if node.flow_style:
+        end = node.end_mark.index - 1
+        return end, end, f', {words}' if node.value else words
+    end = _find_line_end(text, _find_end(text, node))
+    mark = '- ' * isinstance(node, yaml.SequenceNode)
+    return end, end, f'\n{" " * _find_column(node)}{mark}{words}'
+
+
+def _find_child(node: yaml.Node, key: Any) -> yaml.Node | None:
+    if isinstance(node, yaml.MappingNode):
+        return next((value for name, value in node.value if name.value == key), None)
+    if isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
+        return node.value[key]
+    return None
+
+
+def _find_column(node: yaml.Node) -> int:
+    """Return the column of the lines of a block, whose first may be behind an anchor."""
+    first = node.value[0][0] if isinstance(node, yaml.MappingNode) else node
+    return first.start_mark.column
+
+
+def _find_end(text: str, node: yaml.Node) -> int:
+    """Return where the last value of a node ends, before comments."""
+    if isinstance(node, yaml.ScalarNode) or node.flow_style:
+        return node.end_mark.index
+    ends = [node.start_mark.index]
+    for item in node.value:
+        key, value = item if isinstance(item, tuple) else (item, item)
+        is_alias = value.start_mark.index < key.start_mark.index
+        ends.append(_find_line_end(text, key.end_mark.index) if is_alias
+                    else _find_end(text, value))
+    return max(ends)
+
+
+def _find_line_end(text: str, place: int) -> int:
+    end = text.find('\n', place)
+    return len(text) if end < 0 else end
+
+
+def _find_lines(text: str, owner: yaml.Node, key: Any) -> tuple[int, int, str]:
+    """Return the lines of an item of a block as an edit that removes them."""
+    if isinstance(owner, yaml.MappingNode):
+        node, value = next(item for item in owner.value if item[0].value == key)
+    else:
+        node = value = owner.value[key]
+    start = text.rfind('\n', 0, node.start_mark.index) + 1
+    return start, min(len(text), _find_line_end(text, _find_end(text, value)) + 1), ''
