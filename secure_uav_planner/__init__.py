@@ -5,7 +5,8 @@ The public names are loaded when one is first used: the command handles signals 
 """
 
 from importlib import import_module
-from typing import Any, TYPE_CHECKING
+
+TYPE_CHECKING = False  # Type checkers know the name. To load typing takes longer than all of this.
 
 if TYPE_CHECKING:
     from .apps.campaigns import run_campaign
@@ -31,7 +32,7 @@ _MODULES = ('apps.campaigns', 'assessment', 'bound', 'errors', 'mission.formats.
             'optimize', 'plan')
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if not name.startswith('_') or name == '__version__':
         modules = [import_module(f'.{module}', __name__) for module in _MODULES]
         globals().update({public: getattr(module, public) for module in modules

@@ -3,9 +3,12 @@
 from contextlib import suppress
 import json
 import math
+from pathlib import Path
 import re
+from tempfile import TemporaryDirectory
 
 from city import FILE as CITY
+from hypothesis import event, given, strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Origin, read_zones, Scenario
@@ -356,6 +359,25 @@ def test_kml_whose_areas_cannot_all_be_read_is_refused(tmp_path, case):
     with pytest.raises(MissionFileError, match=reason) as error:
         read(tmp_path, 'a.kml', text)
     assert '\n' not in str(error.value) and len(str(error.value)) < 600
+
+
+COORDINATES = re.search('<coordinates>.*</coordinates>', kml(), re.S)[0]
+TAGS = ('Document', 'Folder', 'Placemark', 'S_zone', 'MultiGeometry', 'Polygon', 'outerBoundaryIs',
+        'innerBoundaryIs', 'LinearRing', 'LineString', 'gx:Track', 'ExtendedData', 'x')
+TREES = st.recursive(
+    st.sampled_from([COORDINATES, RING, POLYGON, f'<Placemark>{POLYGON}</Placemark>', SCHEMA]),
+    lambda children: st.builds(
+        lambda tag, parts: f'<{tag}>{"".join(parts)}</{tag}>', st.sampled_from(TAGS),
+        st.lists(children, min_size=1, max_size=3)), max_leaves=8)
+
+
+@given(st.lists(TREES, min_size=1, max_size=3))
+def test_every_coordinates_element_is_a_zone_or_the_file_is_refused(trees):
+    text = f'<kml {MODERN} xmlns:gx="http://www.google.com/kml/ext/2.2">{"".join(trees)}</kml>'
+    with TemporaryDirectory() as folder, suppress(MissionFileError):
+        zones, _ = read(Path(folder), 'a.kml', text)
+        event('read')
+        assert len(zones) == text.count('<coordinates>')
 
 
 PLACES = {'collection': lambda data: data, 'feature': lambda data: data['features'][0],
