@@ -5,9 +5,7 @@ The public names are loaded when one is first used: the command handles signals 
 """
 
 from importlib import import_module
-
 TYPE_CHECKING = False  # Type checkers know the name. To load typing takes longer than all of this.
-
 if TYPE_CHECKING:
     from .apps.campaigns import run_campaign
     from .assessment import assess, Assessment, World
