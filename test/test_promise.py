@@ -49,8 +49,9 @@ def texts_of(plan):
     """Yield what each view of a plan says of its rates, by the name of the view."""
     yield 'table', rate_table([plan])
     yield 'repr', repr(plan)
-    map_axes, _, rate_axes = draw_plan(plan).axes
-    yield 'title', map_axes.get_title(loc='left')
+    figure = draw_plan(plan)
+    yield 'title', ' '.join(text.get_text() for text in figure.texts)
+    rate_axes = figure.axes[-1]
     yield 'legend', ' '.join(text.get_text() for text in rate_axes.get_legend().get_texts())
     page = draw_page(plan)
     yield 'title of the page', page.layout.title.text
