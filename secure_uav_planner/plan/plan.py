@@ -261,7 +261,7 @@ class Plan(RatedFlight):
         return plan
 
     def _replace(self, **changes: Any) -> 'Plan':
-        """Return this plan with other fields, of which no rate depends, and with its rates."""
+        """Return this plan with changes that leave all rates as they are, and with its rates."""
         plan, names = replace(self, **changes), {field.name for field in fields(self)}
         plan.__dict__.update({name: value for name, value in self.__dict__.items()
                               if name not in names})

@@ -123,7 +123,7 @@ class Player:
         self._on_refusal(reason)
 
     def _renew(self, playback: Playback) -> None:
-        """Go on with the same plan and another promise."""
+        """Replace the promise of the present plan."""
         assert self.flight is not None
         self.flight = self.flight._replace(playback=playback)
         if self._latest is not None and self._latest.plan.identity == playback.plan.identity:

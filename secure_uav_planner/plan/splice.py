@@ -68,7 +68,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param tail: a Plan of the mission of cut_tail, perhaps with other eavesdroppers.
     :param beginning: positions and powers up to the point, if they are not the plan's.
     :param first: the last point at which the receivers and the promise of the plan count, by
-        default `point`; those of the tail count after it.
+        default `point`. The tail's receivers and promise count after `first`.
     :return: a Plan of the whole mission.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
@@ -88,7 +88,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         before += ((until, joint),)
     after = tuple(gap for gap in _cut_gaps(
         tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
-    if before and after and after[0][0] < before[-1][1]:  # One gap goes on in the tail.
+    if before and after and after[0][0] < before[-1][1]:  # The same gap on both sides of the joint.
         before, after = before[:-1], ((before[-1][0], after[0][1]), *after[1:])
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
@@ -152,7 +152,7 @@ def _shift(time: float | None, seconds: float) -> float | None:
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
               ) -> tuple[tuple[float, float], ...]:
-    """Return gaps that are so many s later, between two times in s."""
+    """Return gaps delayed by some s, and clipped to the times from `begin` to `end` in s."""
     moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
     return tuple((first, last) for first, last in moved if first < last)
 

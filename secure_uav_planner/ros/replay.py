@@ -61,7 +61,7 @@ class Replay(Node):
         plan = _load_plan(self._settings['plan_file'])
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
-        self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Of the last message.
+        self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Why there is no plan.
         self._reader = PlanReader(self._post, self._take, self._refuse)
         self._stops = 0  # Calls of ~/pause and ~/reset.
         self._make_interface()
@@ -84,7 +84,7 @@ class Replay(Node):
             subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
                       self._group, self._uavs)
         self._outputs = publishers(self, topics, self._uavs)
-        # A start may wait for a plan that is being read, while setpoints go on.
+        # A start may wait for a plan that is being read; setpoints are sent meanwhile.
         serve(self, {'~/start': self._on_start}, ReentrantCallbackGroup())
         serve(self, {'~/pause': self._on_pause, '~/reset': self._on_reset}, self._group)
         rate = self._settings['rate']
