@@ -11,7 +11,7 @@ import pytest
 from rclpy.time import Time as RosTime
 from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.errors import LateError, SupersededError
+from secure_uav_planner.errors import LateError, SupersededError, TimeLimitError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
@@ -104,7 +104,7 @@ def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
     state = State(plan=fly_hover_fly(Scenario.paper(120.0, slots=10)))
     for is_replan in (False, True):
         state.refuse(LateError('it comes too late'), is_replan)
-        state.end_flight()
+        state.forget_replan()
         assert (state.outcome.code == 'ok') is is_replan
 
 
@@ -263,6 +263,49 @@ def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_pl
     tracking.add_plan(replace(second, start_ns=second.start_ns - 10**9), now)
     fly(next(reversed(tracking._plans.values())).plan, 20.0 + silence, 21.0 + silence)
     assert tracking.distances(settings, now + 1.0) == {}
+
+
+def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_time_until_then(
+        two_plans):
+    """Before, a request that was overtaken was dropped after its whole solve."""
+    plan, _ = two_plans
+    tracking = tracking_of(plan)
+    assert tracking.until_superseded(None, 1010.0) == math.inf
+    report(tracking, plan, (1010.0, 10.0), (1010.1, 10.1))
+    flight = tracking.flight(1010.1)
+    assert tracking.until_superseded(flight, 1010.1) == math.inf
+    start = StartTime(1_010_100_000_000, 30.0, 0.0)
+    for begin, left in ((1050, 29.0), (1020, 8.9), (1012, None)):
+        tracking.add_plan(replace(plan, start_ns=begin * 10**9), 1010.1)
+        if left is None:
+            with pytest.raises(LateError, match='takes effect in 1.9 s; ask again when it is'):
+                tracking.until_superseded(flight, 1010.1)
+        else:
+            assert start.time_limit(60.0, tracking.until_superseded(
+                flight, 1010.1)) == pytest.approx(left)
+    # One that its follower has not adopted is not waited for, nor one of a flight that is held.
+    assert tracking.until_superseded(flight, 1014.1) == math.inf
+    assert tracking.until_superseded(flight._replace(rate=0.0), 1010.1) == math.inf
+
+
+def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():
+    error = TimeLimitError('time_limit is 0.25 s; it was over')
+    for delay, limit, is_told in ((0.5, 60.0, True), (0.5, 0.0, True), (0.5, 0.1, False),
+                                  (0.0, 60.0, False)):
+        told = StartTime(0, delay, 0.0).explain(error, {'time_limit': limit})
+        assert (told is not error) == is_told
+        assert not is_told or 'which leaves 0.25 s to solve it' in str(told)
+
+
+def test_a_refusal_of_a_replan_ends_when_it_is_due_no_more_and_a_short_replan_is_no_warning():
+    plan = fly_hover_fly(Scenario.paper(120.0, slots=10))
+    state = State()
+    for count, status, level in (('plans', 'converged', DiagnosticStatus.OK),
+                                 ('plans', 'time_limit', DiagnosticStatus.WARN),
+                                 ('replans', 'time_limit', DiagnosticStatus.OK),
+                                 ('replans', 'numerical_trouble', DiagnosticStatus.WARN)):
+        state.keep(replace(plan, status=status), count)
+        assert state.outcome.level == level, (count, status)
 
 
 def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plans):

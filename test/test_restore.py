@@ -6,7 +6,7 @@ import time
 
 from nav_msgs.msg import Path
 import pytest
-from ros_client import node_here, wait_for
+from ros_client import node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
@@ -74,6 +74,22 @@ def test_a_plan_that_cannot_be_published_is_one_short_warning_and_is_replaced(
     file.write_text(change(file.read_text()))
     check_one_warning(client, file)
     assert Plan.load(file).scenario.slots == 20
+
+
+def test_a_plan_file_belongs_to_one_planner_at_a_time(client, file):
+    PLAN.save(file)
+    content = file.read_bytes()
+    with node_process('planner', namespace='/first', plan_file=file) as first:
+        wait_for_line(first, 'restored: ')
+        with node_here('planner', plan_file=file, duration=120.0, slots=20) as second:
+            wait_for_line(second, f'plan_file: another planner keeps its plan in {file}; this')
+            client.plan_paper()
+            assert not any('restored' in line for line in second.lines)
+            assert file.read_bytes() == content
+        first.kill()
+        first.wait()
+    with node_here('planner', plan_file=file) as again:
+        wait_for_line(again, 'restored: ')
 
 
 @pytest.mark.parametrize('file', ['/dev/zero', '/tmp', 'x' * 5000],

@@ -253,6 +253,13 @@ def test_the_achieved_rate_is_the_planned_one_on_the_plan_and_begins_anew_with_a
     assert achieved == pytest.approx(planned, rel=1e-9) and planned == again
     assert planned == pytest.approx(playback.guaranteed_rates.mean(), rel=5e-3)
     assert less < 0.9 * planned
+    assert exact.measured == pytest.approx(1.0)
+    # A playback at 30 times the speed is measured every 3 s; here only its second half.
+    fast = AchievedRates()
+    for time in np.arange(0.0, playback.duration, 3.0):
+        if time > playback.duration / 2:
+            fast.add(playback, time, playback.at(time).positions, 30.0)
+    assert fast.rates is not None and fast.measured == pytest.approx(0.5, abs=0.05)
     # No time counts twice, and a long gap does not count.
     exact.add(playback, 59.0, playback.at(59.0).positions)
     exact.add(playback, playback.duration + 90.0, plan.scenario.goals)

@@ -316,14 +316,16 @@ class AchievedRates:
     def __init__(self) -> None:
         self._start_ns: int | None = None
         self._last = math.inf
+        self._flown = 0.0  # Time in slots so far, in s.
         self._sums = np.zeros(3)  # Time in s, achieved and planned in bit/Hz.
 
-    def add(self, playback: Playback, time: float, positions: Array) -> None:
+    def add(self, playback: Playback, time: float, positions: Array, rate: float = 1.0) -> None:
         """
         Add measured positions (U, 2) in m, at a time in s from point 0 of a plan.
 
         A plan with another start begins a new flight.
 
+        :param rate: of the plan's time; faster flights are measured at longer intervals of it.
         :raises OptionError: for positions of another shape.
         """
         scenario, start_ns = playback.plan.scenario, playback.plan.start_ns
@@ -333,9 +335,10 @@ class AchievedRates:
         if start_ns != self._start_ns:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
         last, self._last = self._last, time
-        if not 0 < time - last <= _LONGEST_GAP:
-            return
         inside = scenario.slot_duration * np.array([1, scenario.slots + 1])
+        self._flown = max(0.0, min(time, inside[1]) - inside[0])
+        if not 0 < time - last <= _LONGEST_GAP * max(1.0, rate):
+            return
         elapsed = min(time, inside[1]) - max(last, inside[0])
         if elapsed <= 0:
             return
@@ -347,6 +350,11 @@ class AchievedRates:
             np.stack([moment.powers] * 2, axis=1), times=np.full(2, time))
         shared = (playback.shares_at(np.array([time])) * np.maximum(rates, 0.0)).sum(axis=0)
         self._sums += elapsed * np.array([1.0, *shared])
+
+    @property
+    def measured(self) -> float:
+        """Share of the slots so far that the rates are means over, from 0 to 1."""
+        return float(min(1.0, self._sums[0] / self._flown)) if self._flown else 0.0
 
     @property
     def rates(self) -> tuple[float, float] | None:

@@ -26,6 +26,7 @@ from ..plan.tracking import (
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s
 _ROUNDING = 1e-6  # s
+_LEAST_AHEAD = 3.0  # s before a plan takes effect, in which another one can still replace it.
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
 
 
@@ -183,6 +184,24 @@ class PlanTracking:
                 f'a follower flies plan {self._unknown.identity}, which this planner does not '
                 'have; end that flight first, as by ~/pause and ~/reset of the replay')
 
+    def until_superseded(self, flight: Flight | None, now: float) -> float:
+        """
+        Return the time in s until the newest plan takes over from a flight; infinite if none does.
+
+        :raises LateError: if that is too soon to plan anew from the flight.
+        """
+        newest = next(reversed(self._plans.values()), None)
+        if newest is None or flight is None or flight.state != 'flying' or (
+                newest.plan.start_ns == flight.playback.plan.start_ns):
+            return math.inf
+        ahead = newest.plan.start_ns * 1e-9 + newest.begin - now
+        if ahead < -ADOPTION_GRACE:
+            return math.inf  # The follower has not adopted it.
+        if ahead < _LEAST_AHEAD:
+            raise LateError(f'plan {newest.plan.identity} takes effect in {max(0.0, ahead):.1f} '
+                            's; ask again when it is flown')
+        return ahead
+
     def states(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                ) -> list[MeasuredState | None]:
         """Return the state of each UAV to plan from; None where it is not known or not used."""
@@ -247,7 +266,7 @@ class PlanTracking:
         if flight is None or len(offsets) < len(settings['uavs']):
             return
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        self._track.add(flight.playback, flight.time, positions)
+        self._track.add(flight.playback, flight.time, positions, flight.rate)
 
     def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
         """Return the problems of the flight in words, and the values of the status by key."""
@@ -285,7 +304,8 @@ class PlanTracking:
             'track.state': flight.state if flight.is_reported else f'{flight.state}, silent',
             **{f'track.distance.{name}': distances.get(name, 'none')
                for name in settings['uavs']},
-            'track.rate': rates[0], 'track.planned_rate': rates[1]}
+            'track.rate': rates[0], 'track.planned_rate': rates[1],
+            'track.measured': self._track.measured}
 
     def _follower_problems(self, now: float) -> list[str]:
         problems, unknown = [], self.unknown_plan(now)
@@ -320,7 +340,10 @@ def check_continuation(before: Flight | None, now: Flight | None, elapsed: float
     """
     if before is None or not (before.is_reported and before.is_under_way):
         return
-    if now is None or now.playback.plan.start_ns != before.playback.plan.start_ns or (
+    if now is not None and now.playback.plan.start_ns != before.playback.plan.start_ns:
+        raise LateError(f'plan {now.playback.plan.identity} took effect while the new plan was '
+                        'made; ask again')
+    if now is None or (
             abs(now.time - before.time - before.rate * elapsed) > _SAME_TIME):
         raise LateError('the flight was paused, or went on otherwise, while the plan was made; '
                         'ask again')

@@ -29,7 +29,7 @@ from .references import LocalFrames
 from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
 from .settings import (
-    check_mission_parameters, check_plan_file, load_plan, save_plan, Settings)
+    check_mission_parameters, check_plan_file, load_plan, reserve_plan_file, save_plan, Settings)
 from .solver import Job, Result, SolverThread
 from .status import (
     level_and_text, log_at, State, status_values, warn_of_namesakes, WarningLog)
@@ -56,6 +56,13 @@ class Planner(Node):
         super().__init__('planner', **options)
         self._settings = Settings(self, PLANNER, check_mission_parameters, PLANNER_MEMBERS)
         check_plan_file(self._settings.snapshot())
+        self._plan_file = self._settings['plan_file']
+        self._file_holder = reserve_plan_file(self._plan_file) if self._plan_file else None
+        if self._plan_file and self._file_holder is None:
+            self.get_logger().warning(
+                f'plan_file: another planner keeps its plan in {brief(self._plan_file)}; this one '
+                'neither reads nor writes it; give each planner a file of its own')
+            self._plan_file = ''
         self._uavs = self._settings['uavs']
         self._local_frames = LocalFrames(
             self, self._settings, {name: name for name in self._uavs},
@@ -100,6 +107,8 @@ class Planner(Node):
     def close(self) -> bool:
         """Stop the solve under way; return True if its thread has ended."""
         self._closed = True
+        if self._file_holder is not None:
+            self._file_holder.close()
         self._reply(False, 'the planner is stopping')
         return self._solver.close(timeout=1.0)
 
@@ -171,7 +180,8 @@ class Planner(Node):
             self._tracking.check_known(now)
             flight = self._flight(now)
             start = StartTime.from_settings(settings, now_ns, flight)
-            limit = start.time_limit(settings['time_limit'] or None)
+            limit = start.time_limit(settings['time_limit'] or None,
+                                     self._tracking.until_superseded(flight, now))
             request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
@@ -207,7 +217,7 @@ class Planner(Node):
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
                 text = f'plan {plan.identity}: ' + self._publish_plan(plan, outgoing, 'plans')
             except Exception as error:
-                self._reply(False, self._refuse(error))
+                self._reply(False, self._refuse(start.explain(error, settings)))
                 return
             if flight is not None and flight.is_under_way:
                 text += (f'; it goes on from plan {flight.playback.plan.identity}, which is '
@@ -219,11 +229,11 @@ class Planner(Node):
         self._start(work, finish, 'cancelled')
 
     def _log_notes(self, notes: Mapping[str, str]) -> None:
-        """Log what is to be said of receivers when it changes."""
+        """Log what is to be said of a receiver when it is another word than the last."""
         for receiver, note in notes.items():
             if self._notes.get(receiver) != note:
                 self.get_logger().warning(note)
-        self._notes = {**notes}
+        self._notes |= notes
 
     def _start(self, work: Callable[[Job], Any], finish: Callable[[Result], None], cancelled: str
                ) -> None:
@@ -265,11 +275,13 @@ class Planner(Node):
             self._end_promise(ended)
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
-            self._state.end_flight()
+            self._state.forget_replan()
         if self._solver.is_solving or self._state.plan is None or self._closed:
             return
         try:
             reason = self._replanning.find_reason(self._state.plan, settings, now)
+            if not reason and self._replanning.is_settled(settings, now):
+                self._state.forget_replan()
             remainder = self._replanning.begin(reason, settings, now) if reason else None
             self._replan_problem = ''
         except PlanningError as error:
@@ -317,7 +329,7 @@ class Planner(Node):
 
     def _restore(self) -> None:
         """Publish the plan in the plan file, if there is one."""
-        file = self._settings['plan_file']
+        file = self._plan_file
         try:
             if not file or (
                     plan := load_plan(file, self._uavs, self._settings['ground_nodes'])) is None:
@@ -377,7 +389,7 @@ class Planner(Node):
 
     def _save(self, plan: Plan) -> None:
         """Save a plan in the solver's thread, since writing to a disk takes time."""
-        if file := self._settings['plan_file']:
+        if file := self._plan_file:
             self._solver.run(partial(save_plan, plan, file, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:

@@ -16,7 +16,8 @@ from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
 from .settings import airspace_from, channel_from, origin_from, uav_from
 from ..errors import (
-    brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
+    brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError,
+    TimeLimitError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
 from ..optimize.incumbent import mute_nonpositive_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
@@ -67,12 +68,28 @@ class StartTime:
         """Time of the first setpoint of the plan in ns."""
         return self.asked_ns + round(self.ahead * 1e9)
 
-    def time_limit(self, limit: float | None) -> float | None:
-        """Return the parameter's time limit in s, shortened to the time until the effect."""
-        if not self.delay:
+    def time_limit(self, limit: float | None, until: float = math.inf) -> float | None:
+        """
+        Return the parameter's time limit in s, shortened to the time until the effect.
+
+        :param until: time in s after which the plan may not come in any case.
+        """
+        ahead = min(self.ahead if self.delay else math.inf, until)
+        if math.isinf(ahead):
             return limit
-        left = self.ahead - min(_PLAN_RESERVE, self.ahead / 2)
+        left = ahead - min(_PLAN_RESERVE, ahead / 2)
         return left if limit is None else min(limit, left)
+
+    def explain(self, error: Exception, settings: Mapping[str, Any]) -> Exception:
+        """Return an error of the solve that names start_delay if that was its time limit."""
+        limit = self.time_limit(None)
+        if not isinstance(error, TimeLimitError) or limit is None or (
+                0 < settings['time_limit'] <= limit):
+            return error
+        return TimeLimitError(
+            f'the plan is to take effect in {self.ahead:.3g} s, which leaves {limit:.2g} s to '
+            'solve it, too short to find flights that keep the limits; give it a longer '
+            'start_delay, and in flight a longer replan_lead')
 
     def point_0_ns(self, now_ns: int) -> int:
         """Return the time in ns of point 0 of a plan that is solved now."""
@@ -337,6 +354,12 @@ class Replanning:
             self._tracking.states(flight, settings, now), updated, receivers,
             reason == 'deviation', settings['track_tolerance'],
             lead - min(_REPLAN_RESERVE, lead / 2))
+
+    def is_settled(self, settings: Mapping[str, Any], now: float) -> bool:
+        """Return True if all UAVs are on their plan, and the last replan was a lead ago."""
+        return not 0 <= now - self._last_planned < settings['replan_lead'] and all(
+            distance <= settings['track_tolerance']
+            for distance in self._tracking.distances(settings, now).values())
 
     def end(self, now: float, counts_from: float = -math.inf) -> None:
         """Note a new plan, in which the present receivers count from a time of the plan on."""

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import difflib
+import hashlib
 import math
 from pathlib import Path
 import re
+import socket
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -155,6 +157,22 @@ def check_plan_file(values: Mapping[str, Any]) -> None:
         raise ParameterError(
             f'parameter plan_file: {brief(file)} must be in a folder that is there{meaning}',
             ('plan_file',))
+
+
+def reserve_plan_file(file: str) -> socket.socket | None:
+    """
+    Reserve a plan file until the socket is closed or the process ends; None if another has it.
+
+    A name of an abstract socket leaves no file behind, however a process ends.
+    """
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    name = hashlib.sha256(str(Path(file).resolve()).encode()).hexdigest()
+    try:
+        holder.bind(f'\0secure_uav_planner {name}')
+    except OSError:
+        holder.close()
+        return None
+    return holder
 
 
 def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:

@@ -71,6 +71,8 @@ STATUS_KEYS = {
     'track.rate': 'guaranteed rate so far where the UAVs really were, with the planned powers, '
                   'of all ground nodes together, bit/s/Hz',
     'track.planned_rate': 'the same where the plan had them',
+    'track.measured': 'share of the slots so far in which all UAVs were measured, over which both '
+                      'are means',
 }
 """The meaning of each value of the status by its key."""
 
@@ -90,6 +92,7 @@ class State:
 
     plan: Plan | None = None
     prefix: str = ''  # Of its summary.
+    is_replan: bool = False
     bound: Bound | None = None
     refusal: RequestOutcome | None = None
     counts: dict[str, int] = field(
@@ -103,19 +106,22 @@ class State:
             return self.refusal
         if plan is None:
             return RequestOutcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
-        good = plan.status == 'converged' and not plan.clearance.is_close and plan.promise.slots
+        # A replan has a short deadline, at which it is no worse than the plan before.
+        is_done = plan.status == 'converged' or self.is_replan and plan.status == 'time_limit'
+        good = is_done and not plan.clearance.is_close and plan.promise.slots
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
                               self.prefix + plan_summary(plan, self.bound))
 
     def keep(self, plan: Plan, count: str = '', prefix: str = '') -> None:
         """Make a plan the last one and, if it is announced, increase a count."""
         self.plan, self.bound, self.refusal = plan, plan.bound, None
+        self.is_replan = count != 'plans'
         if count:
             self.counts[count] += 1
             self.prefix = prefix
 
-    def end_flight(self) -> None:
-        """Forget the refusal of a replan at the end of the flight."""
+    def forget_replan(self) -> None:
+        """Forget the refusal of a replan that is due no more."""
         if self.refusal is not None and self.refusal.is_replan:
             self.refusal = None
 
