@@ -1,12 +1,19 @@
 """Attacks on the bound: feasible plans, and places and powers in every slot."""
 
+from dataclasses import replace
+import math
+
+from benchmarks.missions import random_mission
 import numpy as np
-from secure_uav_planner import Plan
+from random_cities import random_city_mission
+from secure_uav_planner import Channel, Eavesdropper, fly_hover_fly, Plan, solve, upper_bound
 from secure_uav_planner.bound.proof.certificate import certify
 from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.reachable_set import Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.bound.search.multipliers import build_multipliers, MultiplierSearch
+from secure_uav_planner.errors import PlanningError
+from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.model.problem import Problem
 
@@ -148,3 +155,62 @@ def random_plans(scenario, rng, count):
         plans.append(Plan(
             scenario, problem.retract(np.array(paths)), problem.retract_powers(powers)))
     return plans
+
+
+def any_mission(seed):
+    """
+    Return a random mission of a kind that `upper_bound` takes, of few slots.
+
+    Its UAVs are free, have limits of acceleration, or fly in a city; powers are from a hundredth
+    to a hundred times the usual ones; eavesdroppers may be many, collude, and fading may count.
+    """
+    rng = np.random.default_rng(seed)
+    slots = int(rng.integers(3, 13))
+    options = {'colluding': seed % 3 == 0, 'channel': Channel(
+        rician_k_db=10.0, outage=0.3) if seed % 5 == 0 else Channel()}
+    if seed % 4 == 3:
+        city = random_city_mission(seed, slots=12, slack=float(rng.uniform(0.3, 2.0)))
+        return replace(city, uavs=city.uavs[:2], **options)
+    mission = random_mission(seed, slots=slots, jammers=int(rng.integers(0, 2)))
+    factor = 10.0 ** rng.uniform(-2, 2) if seed % 7 < 2 else 1.0
+    uavs = tuple(replace(uav, average_power=factor * uav.average_power,
+                         peak_power=factor * uav.peak_power) for uav in mission.uavs)
+    more = tuple(Eavesdropper(tuple(rng.uniform(-400, 400, 2)), float(rng.uniform(0, 60)))
+                 for _ in range(int(rng.integers(0, 3))))
+    mission = replace(mission, uavs=uavs, eavesdroppers=(*mission.eavesdroppers, *more), **options)
+    if seed % 4 < 2:
+        return mission
+    # In short slots velocities matter; a UAV may be at rest, moving, or free at its ends.
+    ends = [None, (0.0, 0.0), tuple(rng.uniform(-3, 3, 2))]
+    uavs = tuple(replace(
+        uav, max_acceleration=float(rng.uniform(0.3, 3)),
+        start_velocity=ends[rng.integers(3)], goal_velocity=ends[rng.integers(3)])
+        for uav in mission.uavs)
+    return replace(mission, uavs=uavs, duration=2.0 * mission.duration, slots=2 * slots)
+
+
+def least_gap(seed, time_limit):
+    """
+    Return a bound less the best rate that was found, infinite without a plan.
+
+    The attack plans for both objectives, from random starts and from what it has found.
+    """
+    rng = np.random.default_rng(seed)
+    objective = OBJECTIVES[seed // 4 % 2]
+    try:
+        scenario = any_mission(seed)
+        plans = [solve(scenario, objective=objective)]
+    except PlanningError:
+        return math.inf
+
+    def rate(plan):
+        return getattr(plan, f'{objective}_rate')
+    starts = [fly_hover_fly(scenario), *(
+        random_plans(scenario, rng, 20) if not scenario.no_fly_zones else [])]
+    plans += starts
+    plans += [solve(scenario, objective=objective, initial=start) for start in starts]
+    other = solve(scenario, objective=OBJECTIVES[1 - OBJECTIVES.index(objective)])
+    plans += [other] + [solve(scenario, objective=objective, initial=start)
+                        for start in (other, max(plans, key=rate))]
+    bound = upper_bound(scenario, objective=objective, plan=plans[0], time_limit=time_limit)
+    return bound.rate - max(map(rate, plans))

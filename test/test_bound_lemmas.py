@@ -9,7 +9,7 @@ import pytest
 from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.bound.proof import certificate
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Team
+from secure_uav_planner.bound.proof.reachable_set import Cells, ReachableSet, Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
 from secure_uav_planner.bound.proof.terms import Potential, Terms, TOLERANCE
 
@@ -106,7 +106,8 @@ def test_the_rectangle_and_the_bound_in_silence_hold_the_reachable_set(seed, gro
     potential = random_potential(region, SlotGroups.of(6), rng, False)
     slope = potential.change[0]
     bounds = certificate.bound_silence(
-        potential, np.full(6, -np.inf), bool) - potential.constant()
+        potential, Cells.whole(region), np.arange(6), np.full(6, -np.inf), bool)
+    bounds -= potential.constant()
     if len(places):
         assert bounds[group] >= (places @ slope[group]).max() - 1e-12
     exact = (region.find_farthest(slope[:, None])[:, 0] * slope).sum(-1)
@@ -224,12 +225,12 @@ def random_terms(region, groups, rng, curved, jams, count=12):
     v = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
         np.ones(len(region.radii)), count)
     powers = (np.log(region.peak) - 12, np.log(region.peak)) if jams else None
-    return Terms(potential, group, weight, v, 0.3, powers)
+    return Terms(potential, Cells.whole(region), group, weight, v, 0.3, powers)
 
 
 def values(terms, k, places, powers):
     """Return the values of term k at places and powers, by the plain formulas."""
-    potential, group = terms.potential, terms.group[k]
+    potential, group = terms.potential, terms.cell[k]
     region = potential.region
     ground, leaks = region.log_squares(places)
     x, y = places.T
@@ -253,19 +254,19 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
     region = region_of(seed, int(jams), eavesdroppers=eavesdroppers)
     terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
     constant = terms.potential.constant()
-    for k in range(len(terms.group)):
-        low, high = (corner[terms.group[k]] for corner in region.bounding_box)
+    for k in range(len(terms.cell)):
+        low, high = (corner[terms.cell[k]] for corner in region.bounding_box)
         centre = rng.uniform(low, high)
         half = (high - low) * np.exp(rng.uniform(-6, 0)) * rng.random(2) + 1e-9
         if jams:
             centre = np.append(centre, rng.uniform(*terms.powers))
             half = np.append(half, np.exp(rng.uniform(-5, 1)))
-        value, bound = (part + constant[terms.group[k]]
+        value, bound = (part + constant[terms.cell[k]]
                         for part in terms.compiled.bound_box(k, centre, half))
         points = rng.uniform(centre - half, centre + half, (300, len(centre)))
         corners = centre + half * rng.choice([-1, 1], (30, len(centre)))
         points = np.concatenate([points, corners])
-        points = points[region.contains(points[:, :2], np.full(len(points), terms.group[k]))]
+        points = points[region.contains(points[:, :2], np.full(len(points), terms.cell[k]))]
         power = np.exp(points[:, 2]) if jams else None
         assert (values(terms, k, points[:, :2], power) <= bound + 1e-9).all()
         exact = values(terms, k, centre[None, :2], np.exp(centre[2:]))[0]
@@ -278,9 +279,9 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
     rng = np.random.default_rng(5)
     region = region_of(3, int(jams))
     terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
-    bounds = terms.bound_maxima(np.full(len(terms.group), -np.inf))
-    for k in range(len(terms.group)):
-        places = places_in(region, terms.group[k], rng, 3000)
+    bounds = terms.bound_maxima(np.full(len(terms.cell), -np.inf))
+    for k in range(len(terms.cell)):
+        places = places_in(region, terms.cell[k], rng, 3000)
         powers = np.exp(rng.uniform(*terms.powers, len(places))) if jams else None
         best = values(terms, k, places, powers).max()
         assert best <= bounds[k] <= best + 0.5
@@ -290,7 +291,7 @@ def test_a_branch_and_bound_cut_short_is_valid():
     rng = np.random.default_rng(6)
     region = region_of(4, 1)
     terms = random_terms(region, SlotGroups.of(6), rng, False, True)
-    nothing = np.full(len(terms.group), -np.inf)
+    nothing = np.full(len(terms.cell), -np.inf)
     exact = terms.bound_maxima(nothing)
     assert (terms.bound_maxima(nothing, budget=100) >= exact - 4e-4).all()
     calls = iter([False] * 5 + [True] * 10**6)
@@ -338,7 +339,30 @@ def test_every_plan_satisfies_the_whole_of_the_proof(most, curved):
     assert total / scenario.slots >= plan.guaranteed_rate * np.log(2.0) - 1e-12
 
 
+@given(st.integers(0, 10**6), st.integers(0, 1))
+@settings(max_examples=40)
+def test_cells_cover_the_reachable_set_however_they_are_divided(seed, uav):
+    region, rng = region_of(seed, uav), np.random.default_rng(seed)
+    cells = Cells.whole(region)
+    for _ in range(2):
+        cells = cells.quarter(np.flatnonzero(rng.random(len(cells.group)) < 0.6))
+    for group in range(6):
+        places = places_in(region, group, rng)
+        own = np.broadcast_to(places, (len(cells.group), *places.shape))
+        assert (cells.contain(own) & (cells.group == group)[:, None]).any(0).all()
+
+
 # A deliberate error in every lemma, and the attack that has to notice it.
+
+def test_cells_that_leave_a_part_of_the_reachable_set_out_are_noticed(monkeypatch):
+    right = Cells.quarter
+
+    def wrong(self, chosen):
+        cells = right(self, chosen)
+        return replace(cells, low=cells.low + 0.3 * (cells.high - cells.low))
+    monkeypatch.setattr(Cells, 'quarter', wrong)
+    assert excess({'seed': 7, 'eavesdroppers': 4}) > 0
+
 
 def test_breakpoints_of_the_weight_without_a_chord_between_them_are_noticed(monkeypatch):
     right = certificate.bound_pieces
@@ -373,10 +397,12 @@ def powers_above(seed, count=8):
     group, weights = rng.integers(0, 6, count), rng.random(count)
     v = (weights * rng.random(count))[:, None]
     price = 0.3
-    silent = certificate.bound_silence(potential, np.full(6, -np.inf), bool)
-    bounds = certificate.bound_terms(team, potential, 1, silent, group, weights, v, price,
+    cells = Cells.whole(team.regions[1])
+    silent = certificate.bound_silence(potential, cells, group, np.full(count, -np.inf), bool)
+    bounds = certificate.bound_terms(team, potential, 1, cells, group, silent, weights, v, price,
                                      np.full(count, -np.inf), bool)
-    terms = Terms(potential, group, weights, v, price, certificate.find_power_range(team, 1))
+    terms = Terms(potential, cells, group, weights, v, price,
+                  certificate.find_power_range(team, 1))
     differences = []
     for k in range(count):
         places = places_in(team.regions[1], group[k], rng)

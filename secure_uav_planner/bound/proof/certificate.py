@@ -18,6 +18,11 @@ interpolated linearly between the breakpoints it lies below the chord from break
 breakpoint. The entropies and m are known exactly and are therefore taken on PIECES finer pieces:
 there, the convex part -H(v) + m + chord lies below its own chord, and max over w0 of slope w0 +
 H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
+
+Lemma 10. Lemma 1 holds for any v, so v may also depend on the place of a UAV. Let cells cover the
+reachable set of the last UAV in a slot. In each cell v(w0) is chosen anew, and M of the last UAV
+is a maximum over the cell. B is then at most its largest value of all cells. With one v, a jammer
+counts as if it were near several eavesdroppers, near each for a part of the slot.
 """
 
 from __future__ import annotations
@@ -28,7 +33,7 @@ import math
 
 import numpy as np
 
-from .reachable_set import Team
+from .reachable_set import Cells, Team
 from .relaxation import margin
 from .terms import Index, Potential, Terms, TOLERANCE
 from ...mission.validation import Array
@@ -102,15 +107,17 @@ class Multipliers:
 
     :param potentials: of every UAV.
     :param prices: lam, (U,) in nats per W, not negative.
-    :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
-    :param v: eavesdropper multipliers at the breakpoints, (K, G, E), not negative, with a sum of
+    :param cells: of the last UAV, (C,).
+    :param weights: w0 at the breakpoints, rising, (K, C), within (0, 1].
+    :param v: eavesdropper multipliers at the breakpoints, (K, C, E), not negative, with a sum of
         at most w0.
-    :param silent_incumbents: values near the maxima of the terms in silence, (U, G) in nats.
-    :param incumbents: the same at the breakpoints, (U, K, G).
+    :param silent_incumbents: values near the maxima of the terms in silence, (U, C) in nats.
+    :param incumbents: the same at the breakpoints, (U, K, C).
     """
 
     potentials: tuple[Potential, ...]
     prices: Array
+    cells: Cells
     weights: Array
     v: Array
     silent_incumbents: Array
@@ -153,16 +160,20 @@ def certify(team: Team, multipliers: Multipliers,
     v = np.maximum(multipliers.v, 0.0)
     total = v.sum(-1, keepdims=True)
     v = v * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
-    silent = [bound_silence(potential, incumbents, stop) for potential, incumbents in zip(
-        potentials, multipliers.silent_incumbents)]
-    group = np.tile(np.arange(weights.shape[1]), len(weights))
-    joint = np.sum([bound_terms(
-        team, potential, i, silent[i], group, weights.ravel(), v.reshape(-1, v.shape[2]),
-        prices[i], multipliers.incumbents[i].ravel(), stop)
-        for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
-    total_silent = np.sum(silent, axis=0)
-    pieces = bound_pieces(team, total_silent, joint, weights, v, prices[0])
-    slots = np.maximum(total_silent, pieces.max((0, 1)))
+    cells = multipliers.cells
+    silent, joint = np.zeros(len(cells.group)), np.zeros(weights.shape)
+    for i, potential in enumerate(potentials):
+        own, cell = (cells, np.arange(len(cells.group))) if i == len(potentials) - 1 else (
+            Cells.whole(potential.region), cells.group)
+        alone = bound_silence(potential, own, cell, multipliers.silent_incumbents[i], stop)
+        silent += alone
+        joint += bound_terms(
+            team, potential, i, own, np.tile(cell, len(weights)), np.tile(alone, len(weights)),
+            weights.ravel(), v.reshape(-1, v.shape[2]), prices[i],
+            multipliers.incumbents[i].ravel(), stop).reshape(weights.shape)
+    pieces = bound_pieces(team, silent, joint, weights, v, prices[0])
+    slots = np.full(len(team.groups.count), -np.inf)
+    np.maximum.at(slots, cells.group, np.maximum(silent, pieces.max((0, 1))))
     slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
     ends = sum(potential.end_cost() for potential in potentials)
     powers = [team.groups.slots * price * region.average
@@ -175,11 +186,11 @@ def certify(team: Team, multipliers: Multipliers,
                        prices)
 
 
-def bound_silence(potential: Potential, incumbents: Array, stop: Callable[[], bool]) -> Array:
-    """Return a bound of a silent UAV's term, its potential, (G,) in nats."""
-    groups = np.arange(len(potential.groups.count))
-    none = np.zeros((len(groups), len(potential.region.radii)))
-    return Terms(potential, groups, none[:, 0], none).bound_maxima(incumbents, stop)
+def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
+                  stop: Callable[[], bool]) -> Array:
+    """Return bounds of a silent UAV's term, its potential, in given cells, (M,) in nats."""
+    none = np.zeros((len(cell), len(potential.region.radii)))
+    return Terms(potential, cells, cell, none[:, 0], none).bound_maxima(incumbents, stop)
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:
@@ -189,19 +200,19 @@ def find_power_range(team: Team, uav: int) -> tuple[float, float]:
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
 
 
-def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group: Index,
-                weights: Array, v: Array, price: float, incumbents: Array,
+def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: Index,
+                silent: Array, weights: Array, v: Array, price: float, incumbents: Array,
                 stop: Callable[[], bool]) -> Array:
     """
-    Return bounds of M_i at (w0, v) in given groups, (M,).
+    Return bounds of M_i at (w0, v) in given cells, (M,).
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
     potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
     """
     if not uav:
-        return Terms(potential, group, weights, v, price).bound_maxima(incumbents, stop)
-    terms = Terms(potential, group, weights, v, price, find_power_range(team, uav))
-    least = silent[group] + math.log1p(FLOOR) * v.sum(-1) + terms.margin[group]
+        return Terms(potential, cells, cell, weights, v, price).bound_maxima(incumbents, stop)
+    terms = Terms(potential, cells, cell, weights, v, price, find_power_range(team, uav))
+    least = silent + math.log1p(FLOOR) * v.sum(-1) + terms.margin[cells.group[cell]]
     bounds = terms.bound_maxima(np.maximum(incumbents, least - TOLERANCE), stop)
     return np.asarray(np.maximum(bounds, least))
 
@@ -209,12 +220,12 @@ def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group
 def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
                  price: float) -> Array:
     """
-    Return bounds over the pieces of w0, (PIECES, K, G) in nats; see lemma 4.
+    Return bounds over the pieces of w0, (PIECES, K, C) in nats; see lemma 4.
 
-    :param silent: bound of all terms in silence, (G,).
-    :param joint: bounds of M at the breakpoints, (K, G).
-    :param weights: w0 at the breakpoints, (K, G).
-    :param v: eavesdropper multipliers there, (K, G, E).
+    :param silent: bound of all terms in silence, (C,).
+    :param joint: bounds of M at the breakpoints, (K, C).
+    :param weights: w0 at the breakpoints, (K, C).
+    :param v: eavesdropper multipliers there, (K, C, E).
     :param price: lam of the transmitter.
     """
     zero = np.zeros((1, len(silent)))

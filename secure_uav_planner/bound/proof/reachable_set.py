@@ -126,15 +126,6 @@ class ReachableSet:
             detours=detours and detours.scale(unit))
 
     @cached_property
-    def compiled(self) -> core.ReachableSet:
-        """Return the kernel's form of the geometry."""
-        from_start, to_goal, corner, low, high = (
-            np.ascontiguousarray(values, float) for values in (
-                self.from_start, self.to_goal, self.corner, *self.bounding_box))
-        return core.ReachableSet(self.distance, from_start, to_goal, corner, low, high,
-                                 None if self.detours is None else self.detours.compiled)
-
-    @cached_property
     def compiled_links(self) -> core.Links:
         """Return the kernel's form of the links."""
         ground, eavesdroppers, radii, log_advantages = (
@@ -284,6 +275,55 @@ def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[fl
     ends = (uav.start_velocity, uav.goal_velocity)
     return (change, np.array([step if velocity is None else change for velocity in ends]),
             scenario.slot_duration * np.array([velocity or (0.0, 0.0) for velocity in ends]))
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """
+    Rectangles in a UAV's frame that cover its reachable set in every group, see lemma 10.
+
+    :param group: of every cell, (C,).
+    :param low: lower corners, (C, 2) in units.
+    :param high: upper corners, (C, 2) in units.
+    """
+
+    group: NDArray[np.int64]
+    low: Array
+    high: Array
+
+    @classmethod
+    def whole(cls, region: ReachableSet) -> Cells:
+        """Return one cell for every group, in the order of the groups."""
+        return cls(np.arange(len(region.steps)), *region.bounding_box)
+
+    def quarter(self, chosen: NDArray[np.int64]) -> Cells:
+        """Return the cells with chosen ones, (D,), divided into four."""
+        cells = self._halve(chosen, 0)
+        return cells._halve(np.append(chosen, np.arange(len(self.group), len(cells.group))), 1)
+
+    def _halve(self, chosen: NDArray[np.int64], axis: int) -> Cells:
+        """Return the cells with chosen ones, (D,), halved; the upper halves come last."""
+        low, high = self.low.copy(), self.high.copy()
+        upper_low, upper_high = low[chosen], high[chosen]
+        # Both halves have the same middle, whatever it is rounded to.
+        high[chosen, axis] = upper_low[:, axis] = (low[chosen, axis] + high[chosen, axis]) / 2
+        return Cells(np.append(self.group, self.group[chosen]),
+                     np.concatenate([low, upper_low]), np.concatenate([high, upper_high]))
+
+    def contain(self, place: Array) -> NDArray[np.bool_]:
+        """Return True for places (C, K, 2) in their cell, (C, K)."""
+        return np.asarray(
+            ((place >= self.low[:, None]) & (place <= self.high[:, None])).all(-1))
+
+    def restrict(self, region: ReachableSet) -> core.ReachableSet:
+        """Return the kernel's form of the parts of reachable sets in the cells."""
+        from_start, to_goal, corner, low, high = (
+            np.ascontiguousarray(values, float) for values in (
+                region.from_start[self.group], region.to_goal[self.group],
+                region.corner[self.group], self.low, self.high))
+        return core.ReachableSet(
+            region.distance, from_start, to_goal, corner, low, high,
+            None if region.detours is None else region.detours.compiled)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .reachable_set import ReachableSet
+from .reachable_set import Cells, ReachableSet
 from .relaxation import margin, SlotGroups
 from ...mission.validation import Array
 from ...model.kernel import core
@@ -26,6 +26,9 @@ BUDGET = 20000
 
 TOLERANCE = 2e-4
 """Tolerance of every maximum, in nats."""
+
+NOTHING = -1e9
+"""Bound in nats of a function over a cell that misses the reachable set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +176,13 @@ class Potential:
 @dataclass(frozen=True, eq=False)
 class Terms:
     """
-    M functions of one UAV's place, and a jammer's power, each over the reachable set of its group.
+    M functions of one UAV's place, and a jammer's power, each over a cell of its reachable set.
 
     They are the UAV's terms of the rates, its price of power, and its potential.
 
     :param potential: of the UAV.
-    :param group: of every function, (M,).
+    :param cells: of the UAV.
+    :param cell: of every function, (M,).
     :param weight: w0, (M,).
     :param v: eavesdropper multipliers, (M, E).
     :param price: lam in nats per W.
@@ -186,7 +190,8 @@ class Terms:
     """
 
     potential: Potential
-    group: Index
+    cells: Cells
+    cell: Index
     weight: Array
     v: Array
     price: float = 0.0
@@ -204,14 +209,14 @@ class Terms:
         :param stop: asked before every group; True leaves the rest with their first boxes' bounds.
         :param budget: boxes for each function.
         """
-        constant = self.potential.constant()[self.group]
-        bounds, tolerance = incumbents - constant, np.full(len(self.group), TOLERANCE)
-        # The functions of a group share their boxes.
-        order = np.argsort(self.group, kind='stable')
-        for functions in np.split(order, np.flatnonzero(np.diff(self.group[order])) + 1):
+        constant = self.potential.constant()[self.cells.group[self.cell]]
+        bounds, tolerance = incumbents - constant, np.full(len(self.cell), TOLERANCE)
+        # The functions of a cell share their boxes.
+        order = np.argsort(self.cell, kind='stable')
+        for functions in np.split(order, np.flatnonzero(np.diff(self.cell[order])) + 1):
             budget = 0.0 if stop() else budget
             self.compiled.bound_maxima(functions, bounds, tolerance, budget)
-        return np.asarray(bounds + constant)
+        return np.asarray(np.maximum(bounds, NOTHING) + constant)
 
     @cached_property
     def margin(self) -> Array:
@@ -225,8 +230,10 @@ class Terms:
         region = self.potential.region
         slope, curvature, speed_cost, margins, weight, v = (
             np.ascontiguousarray(values, float) for values in (
-                *self.potential.change, self.potential.speed_cost(), self.margin, self.weight,
-                self.v))
+                *(values[self.cells.group] for values in (
+                    *self.potential.change, self.potential.speed_cost(), self.margin)),
+                self.weight, self.v))
         return core.Terms(
-            region.compiled, region.compiled_links, np.ascontiguousarray(self.group, np.int64),
+            self.cells.restrict(region), region.compiled_links,
+            np.ascontiguousarray(self.cell, np.int64),
             weight, v, slope, curvature, speed_cost, margins, float(self.price), self.powers)

@@ -148,9 +148,9 @@ class ColumnPool:
         return Columns.concatenate([self._base, self._rounds[-1]])
 
     @property
-    def recent(self) -> Columns:
-        """Return the columns of the latest rounds, alike."""
-        return Columns.concatenate([self._base, *self._rounds])
+    def candidates(self) -> Columns:
+        """Return the columns of the latest rounds and those of the grid, which choose v."""
+        return Columns.concatenate([self._base, *self._rounds, self._table])
 
     @property
     def silent(self) -> Columns:

@@ -10,7 +10,7 @@ Letters: N slots, M = N + 2 points, U UAVs, K receivers (the G ground nodes firs
 eavesdroppers, P places or discs, S starts.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -229,3 +229,23 @@ def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians:
 
 def evaluate_columns(columns: Arguments, values: Array) -> None:
     """Fill the values of a UAV's columns, (G, C)."""
+
+def minimise_slot_bounds(columns: Sequence[tuple[Array, ...]], listeners: Indices,
+                         price: float, peak: float, group: Indices, low: Array, high: Array,
+                         weights: Array, v: Array, maxima: Array, bounds: Array) -> None:
+    """
+    Minimise the bounds of slots on columns over v, nearly; `bound.search.slot_bounds` calls it.
+
+    :param columns: of each UAV: places (G, C, 2), their values without w0 and v (G, C), and their
+        factors of w0 (G, C) and of v (G, C, E).
+    :param listeners: of the E places of eavesdroppers.
+    :param price: of the transmit power.
+    :param peak: of the transmit power in W.
+    :param group: of every cell of the last UAV, (C',).
+    :param low: lower corners of the cells, (C', 2).
+    :param high: upper corners of the cells, (C', 2).
+    :param weights: w0, (K, C').
+    :param v: where the search begins, and what it finds, (K, C', E).
+    :param maxima: of the UAVs' columns there, (U, K, C').
+    :param bounds: without H(w0), (K, C').
+    """

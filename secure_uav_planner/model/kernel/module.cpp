@@ -11,6 +11,7 @@ namespace py = pybind11;
 void add_interior_point(py::module_& module);      // interior_point.cpp
 void add_bound_boxes(py::module_& module);  // bound_boxes.cpp
 void add_bound_dual(py::module_& module);   // bound_dual.cpp
+void add_bound_slots(py::module_& module);  // bound_slots.cpp
 void add_discs(py::module_& module);        // discs.cpp
 void add_limits(py::module_& module);       // limits.cpp
 
@@ -66,4 +67,5 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
     add_discs(module);
     add_bound_boxes(module);
     add_bound_dual(module);
+    add_bound_slots(module);
 }
