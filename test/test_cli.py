@@ -65,9 +65,17 @@ def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     assert constant < optimised < plan.guaranteed_rate <= bound
     # The same one is in the file, and its claim is what is printed.
     assert plan.bound.rate == pytest.approx(bound, abs=1e-4)
-    assert f'; {plan.claim}, which is proven' in printed
+    assert f'; {plan.claim}\nproven in ' in printed
     [percent] = re.findall(r'at most (.*)% below the best possible', printed)
     assert 0 <= float(percent) - 100 * (1 - plan.worst_case_rate / plan.bound.rate) < 0.1 + 1e-9
+
+
+def test_a_bound_that_its_time_limit_ended_says_how_to_ask_for_more(tmp_path, capsys):
+    Scenario.paper(120.0, slots=20).save(tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path), '--no-baselines',
+                 '--bound-time-limit', '0.01']) == 0
+    assert re.search(r'\nproven in .* s, when its time limit was over; a larger '
+                     r'--bound-time-limit may prove more\n', capsys.readouterr().out)
 
 
 @pytest.mark.parametrize('scenario, reason', [

@@ -2,16 +2,19 @@
 
 from dataclasses import replace
 import math
+import re
 
 from benchmarks.missions import random_mission
+from hypothesis import given, settings
 from nav_msgs.msg import Path
 import pytest
 from ros_client import seconds, wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
-from strategies import with_uavs
+from strategies import scenarios, with_uavs
 
 
 # As found by hand, in 150 slots.
@@ -68,32 +71,63 @@ def test_a_plan_says_that_it_suffices_only_while_it_does(tmp_path):
     assert 'suffices' not in cut_tail(plan, 3).message
 
 
-def test_bits_that_no_flight_delivers_are_refused():
-    over = replace(Scenario.paper(120.0, slots=6),
-                   eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
-    with pytest.raises(InfeasibleMissionError, match='bits is 250 bit/Hz; no flights were found'):
-        shortest_duration(over, 250.0)
+COVERED = replace(Scenario.paper(120.0, slots=6),
+                  eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
+
+
+@pytest.mark.parametrize('scenario, bits, words', [
+    (COVERED, 250.0, 'the disc of eavesdropper covers the ground node'),
+    (Scenario.paper(120.0), 1e9, '20000 s in slots of 1 s, delivers at most 305755 bit/Hz')])
+def test_bits_that_no_flight_can_deliver_are_refused_without_a_search(
+        scenario, bits, words, monkeypatch):
+    monkeypatch.setattr('secure_uav_planner.bound.shortest.solve', None)
+    with pytest.raises(InfeasibleMissionError, match=words) as error:
+        shortest_duration(scenario, bits)
+    assert error.value.field == 'bits' and str(error.value).startswith(f'bits is {bits:g} bit/Hz')
+
+
+@given(scenarios())
+@settings(max_examples=30, deadline=None)
+def test_no_plan_delivers_what_is_refused_without_a_search(scenario):
+    plan = solve(scenario)
+    if plan.rate > 0:
+        check_bits(scenario, plan.rate * scenario.duration)
+
+
+def test_bits_for_which_no_flight_is_found_are_blamed_and_not_a_line_of_the_file(
+        tmp_path, capsys, monkeypatch):
+    file = tmp_path / 'mission.yaml'
+    Scenario.paper(120.0, slots=6).save(file)
+    monkeypatch.setattr('secure_uav_planner.bound.shortest.find_longest_duration', lambda _: 200)
+    for bits, words in (('1e9', 'the longest flight'), ('900', 'no flights were found')):
+        assert main(['plan', str(file), '-o', str(tmp_path), '--deliver', bits]) == 2
+        assert re.fullmatch(f'.*: --deliver: bits is .* bit/Hz; {words}.*\n',
+                            capsys.readouterr().err)
 
 
 def test_a_search_that_ends_early_keeps_what_suffices_or_says_that_nothing_was_found():
     scenario = Scenario.paper(150.0, slots=50)
     with pytest.raises(StoppedError, match='before flights that deliver 250 bit/Hz were found'):
         shortest_duration(scenario, 250.0, on_progress=lambda _: True)
-    with pytest.raises(TimeLimitError, match='before flights that deliver 250 bit/Hz were found'):
-        shortest_duration(scenario, 250.0, time_limit=1e-9)
-    starts = set()
+    for limit in (1e-9, 5e-5, 1e-3):
+        with pytest.raises(TimeLimitError, match=f'time_limit is {limit:g} s; it was over before '
+                           'flights that deliver 250 bit/Hz were found'):
+            shortest_duration(scenario, 250.0, time_limit=limit)
+    tried = set()
 
     def stop(iteration):
-        if iteration.step == 'start':
-            starts.add(iteration.number)
-        return len(starts) > 1  # In the second duration.
+        tried.add(re.match(r'(\d+\.\d) s: (start|joint|bound)', iteration.step)[1])
+        return len(tried) > 1  # In the second duration.
 
     plan = shortest_duration(scenario, 250.0, on_progress=stop)
     assert plan.status == 'cancelled' and plan.scenario.duration == 150.0
     assert 'this suffices for 250 bit/Hz' in plan.message and 'proven' not in plan.message
 
 
-def test_the_command_plans_the_shortest_flight(tmp_path, capsys):
+def test_the_command_plans_the_shortest_flight(tmp_path, capsys, monkeypatch):
+    texts = []
+    monkeypatch.setattr('secure_uav_planner.apps.planning._Progress.show',
+                        lambda _, text, force=False: texts.append(text))
     file = tmp_path / 'mission.yaml'
     Scenario.paper(150.0, slots=50).save(file)
     options = ['plan', str(file), '-o', str(tmp_path), '--deliver', '250', '--no-baselines',
@@ -101,6 +135,9 @@ def test_the_command_plans_the_shortest_flight(tmp_path, capsys):
     assert main(options) == 0
     plan = Plan.load(tmp_path / 'plan.json')
     assert plan.message in capsys.readouterr().out and 'this suffices for 250' in plan.message
+    # The progress tells the duration under trial, and no rate before there is one.
+    assert any(re.search(r'\(150\.0 s: joint\), [\d.]+ bit/s/Hz', text) for text in texts)
+    assert any('(150.0 s: start), nothing yet' in text for text in texts)
     assert main([*options, '--method', 'alternating']) == 2
     assert '--deliver' in capsys.readouterr().err
 

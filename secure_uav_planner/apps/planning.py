@@ -14,8 +14,8 @@ from .missions import choose_picture, load_input, locating_errors, make_folder, 
 from ..assessment import assess, World
 from ..bound import explain_refusal, shortest_duration, upper_bound
 from ..errors import (
-    describe_error, MissingPackageError, name_missing_package, OptionError, PlanningError,
-    ScenarioError, StoppedError)
+    describe_error, InfeasibleMissionError, MissingPackageError, name_missing_package, OptionError,
+    PlanningError, ScenarioError, StoppedError)
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -119,9 +119,9 @@ def make_plan(options: argparse.Namespace) -> None:
     print(rate_table([*baselines, plan], bound))
     if not scenario.channel.is_guarantee:
         print(f'{plan.method}: {assess(plan, SHORTFALL_DRAWS).shortfall}')
-    print(f'\n{plan.message}' + (
-        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else '') + (
-        ', when it was stopped' if bound and bound.status == 'cancelled' else ''))
+    print(f'\n{plan.message}' + (f'; {proven.claim}' if bound else ''))
+    if bound:
+        print(_describe_proof(bound))
     if options.bound_time_limit and (refusal := explain_refusal(scenario)):
         print(f'no bound: {refusal}')
     if plan.clearance.is_close:
@@ -131,12 +131,20 @@ def make_plan(options: argparse.Namespace) -> None:
         raise StoppedError('stopped; what has been found is kept')
 
 
+def _describe_proof(bound: Bound) -> str:
+    """Return how long a proof took, and what ended it before the search for a lower bound did."""
+    text = f'proven in {bound.solve_time:.1f} s'
+    if bound.status == 'time_limit':
+        text += ', when its time limit was over; a larger --bound-time-limit may prove more'
+    return f'{text}, when it was stopped' if bound.status == 'cancelled' else text
+
+
 def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progress) -> Plan:
     """Return the plan that the options ask for."""
     def show(iteration: Iteration) -> bool:
-        return progress.show(
-            f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f} '
-            f'bit/s/Hz, {iteration.elapsed:.1f} s')
+        rate = f'{iteration.rate:.4f} bit/s/Hz' if iteration.rate else 'nothing yet'
+        return progress.show(f'planning: iteration {iteration.number} ({iteration.step}), {rate}, '
+                             f'{iteration.elapsed:.1f} s')
 
     progress.show('planning ...', force=True)
     if options.deliver is None:
@@ -144,8 +152,13 @@ def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progr
                      objective=options.objective)
     if options.method != 'joint':
         raise OptionError(f'--deliver is for the method joint, and --method is {options.method}')
-    return shortest_duration(scenario, options.deliver, objective=options.objective,
-                             time_limit=options.time_limit, on_progress=show)
+    try:
+        return shortest_duration(scenario, options.deliver, objective=options.objective,
+                                 time_limit=options.time_limit, on_progress=show)
+    except InfeasibleMissionError as error:
+        if error.place != ('bits',):
+            raise
+        raise OptionError(f'--deliver: {error}') from None
 
 
 def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _Progress

@@ -4,6 +4,8 @@ from dataclasses import replace
 from itertools import count
 import math
 
+import numpy as np
+
 from .method import explain_refusal, upper_bound
 from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
@@ -11,15 +13,18 @@ from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
+from ..model.channel.links import make_link
 from ..optimize import solve
 from ..optimize.deadline import Deadline, OnIteration, run_to_end
 from ..optimize.methods import check_objective
 from ..plan.plan import Iteration, Plan, Status
+from ..plan.results import explain_silence
 
 _BITS = Number(1e-6, 1e12, 'bit/Hz')
 _ACCURACY = 0.1  # Of the duration in s; where slots are shorter, a slot.
-_GROWTH = 2.0  # Ratio of durations until one suffices; the root of it where one is too long,
-_LEAST_GROWTH = 1.01  # down to this.
+_GROWTH = 2.0  # Ratio of durations until one suffices; its root after one that cannot be flown.
+_LEAST_GROWTH = 1.01  # Ratio below which no longer duration is tried.
+_LEAST_TIME = 1e-3  # Time limit in s of a part of the search that begins just before the end.
 _SHORTER = 1.0  # s by which a flight is shorter that a bound is asked about.
 _PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
 
@@ -41,10 +46,11 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     :param objective: the rate that counts, as for solve.
     :param time_limit: in s; past it the shortest flight so far that delivers is returned.
     :param on_progress: called with an Iteration after every step; returning True ends the search
-        likewise.
+        likewise. Its `step` begins with the duration under trial, such as '122.6 s: joint'.
     :return: a Plan, whose scenario has the duration.
     :raises OptionError: for another objective, a time limit or bits that are not positive.
-    :raises InfeasibleMissionError: when no flight was found that delivers so much, or any.
+    :raises InfeasibleMissionError: when no flight can deliver so much, or none was found that
+        does, with the place ('bits',); or when none keeps the limits.
     :raises StoppedError: when the search is stopped before such a flight was found.
     :raises TimeLimitError: when the time limit is over before that.
     """
@@ -54,7 +60,35 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)
     deadline = Deadline(on_progress, time_limit, _PERIOD, f'flights that deliver {bits:g} bit/Hz')
+    check_bits(scenario, bits)
     return _Search(scenario, bits, objective, deadline).find_plan()
+
+
+def find_longest_duration(scenario: Scenario) -> float:
+    """Return the longest duration in s of a flight with as long slots."""
+    return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration)
+
+
+def check_bits(scenario: Scenario, bits: float) -> None:
+    """
+    Check what needs no search: whether any flight of a scenario can deliver a number of bits.
+
+    The sum of the ground nodes' mean rates is at most log2(1 + SNR) straight below the transmitter
+    at peak power. What every node is delivered, with its head start, is its weight times the bits.
+
+    :raises InfeasibleMissionError: with the place ('bits',).
+    """
+    if reason := explain_silence(scenario):
+        raise InfeasibleMissionError(f'bits is {bits:g} bit/Hz; {reason}', ('bits',))
+    gain = make_link(scenario, 'ground_node').gain(np.zeros((len(scenario.uavs), 1)))[0, 0]
+    rate = math.log2(1.0 + gain * scenario.uavs[0].peak_power)
+    longest = find_longest_duration(scenario)
+    most = (rate * longest + sum(scenario.head_starts or ())) / sum(scenario.node_weights)
+    if bits > most * (1 + 1e-6):
+        raise InfeasibleMissionError(
+            f'bits is {bits:g} bit/Hz; the longest flight, {longest:g} s in slots of '
+            f'{scenario.slot_duration:g} s, delivers at most {most:.0f} bit/Hz, straight above '
+            'the ground node at peak power; ask for less, or for longer slots', ('bits',))
 
 
 class _Search:
@@ -69,6 +103,7 @@ class _Search:
                  deadline: Deadline) -> None:
         self._scenario, self._bits, self._objective = scenario, bits, objective
         self._deadline, self._numbers = deadline, count()
+        self._tried = scenario.duration
         self.last: Plan | None = None
         self.best: Plan | None = None
         # The state of a UAV in motion is two points of its path, half a slot before and after it.
@@ -77,6 +112,11 @@ class _Search:
             for uav in scenario.uavs)
         step = scenario.slot_duration
         self._accuracy = step if self._keeps_slots else min(_ACCURACY, step)
+
+    @property
+    def _time_left(self) -> float:
+        """Time limit of a part of the search, in s."""
+        return max(self._deadline.time_left, _LEAST_TIME)
 
     def find_plan(self) -> Plan:
         """Return the shortest flight with what is proven of it."""
@@ -105,8 +145,7 @@ class _Search:
 
     def _bracket(self) -> tuple[Plan, float, float | None]:
         """Return a flight that suffices, a duration that is too short, and its bits, if any."""
-        longest = min(DURATION.high,
-                      find_range(Scenario, 'slots').high * self._scenario.slot_duration)
+        longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
         duration = self._scenario.duration
         while True:
@@ -119,16 +158,19 @@ class _Search:
                 growth = math.sqrt(growth)
             if low >= longest or growth < _LEAST_GROWTH:
                 raise InfeasibleMissionError(
-                    f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much')
+                    f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much',
+                    ('bits',))
             duration = min(growth * low, longest)
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """Return the plan of a duration in s, or None if it cannot be flown."""
+        self._tried = duration
+        self._report(Iteration(0, 'start', 0.0, 0.0, 0.0))
         self._deadline.raise_if_over()
         try:
             self.last = plan = solve(
                 self._change_duration(duration), on_iteration=self._report, initial=self.last,
-                time_limit=self._deadline.time_left, objective=self._objective)
+                time_limit=self._time_left, objective=self._objective)
         except ScenarioError:
             return None
         if _count_bits(plan) >= self._bits:
@@ -146,7 +188,8 @@ class _Search:
     def _report(self, iteration: Iteration) -> bool:
         """Report an iteration of a part of the search; return True if it must end."""
         self._deadline.report(replace(
-            iteration, number=next(self._numbers), elapsed=self._deadline.elapsed))
+            iteration, number=next(self._numbers), elapsed=self._deadline.elapsed,
+            step=f'{self._tried:.1f} s: {iteration.step}'))
         return self._deadline.is_over()
 
     def _prove(self, best: Plan) -> None:
@@ -158,8 +201,9 @@ class _Search:
             shorter = self._change_duration(duration)
         except InfeasibleMissionError:
             return
+        self._tried = shorter.duration
         bound = upper_bound(
-            shorter, objective=self._objective, time_limit=self._deadline.time_left,
+            shorter, objective=self._objective, time_limit=self._time_left,
             on_progress=lambda bound: (
                 self._report(bound) or bound.rate * shorter.duration < self._bits))
         if bound.rate * shorter.duration < self._bits:

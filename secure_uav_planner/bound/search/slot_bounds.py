@@ -2,8 +2,8 @@
 The bounds of slots on columns at given w0, minimised over v; and where cells make them closer.
 
 A slot's bound is the certificate's B without H(w0), with maxima over columns. On too few columns v
-exploits what is missing in them, so all columns of a pool count. Measured: with those of the
-latest rounds alone a mission of one jammer is 5.7% above its plan instead of 4.1%.
+exploits what is missing in them, so all columns of a pool count. Measured: with the columns of the
+latest rounds alone, a mission with one jammer is 5.7% above its plan instead of 4.1%.
 """
 
 import numpy as np
