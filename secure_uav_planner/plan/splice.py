@@ -88,7 +88,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         before += ((until, joint),)
     after = tuple(gap for gap in _cut_gaps(
         tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
-    if before and after and after[0][0] < before[-1][1]:  # The same gap on both sides of the joint.
+    if before and after and after[0][0] < before[-1][1]:  # One gap at the joint.
         before, after = before[:-1], ((before[-1][0], after[0][1]), *after[1:])
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
