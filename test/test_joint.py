@@ -1,8 +1,10 @@
 from dataclasses import replace
 from functools import partial
+import gc
 from itertools import count
 import subprocess
 import sys
+import weakref
 
 from benchmarks.missions import random_mission
 from hypothesis import given, settings
@@ -167,6 +169,22 @@ def test_whatever_ends_the_run_the_best_iterate_counts(monkeypatch, ending, step
     assert plan.status == {'callback': 'cancelled', 'failure': 'numerical_trouble'}[ending]
     assert plan.rate > (4.2 if steps > 30 else 2.5)
     assert plan.history[-1].rate == pytest.approx(plan.rate, rel=1e-9)
+
+
+def test_a_solved_mission_keeps_no_callback_alive():
+    class Callback:
+
+        def __call__(self, _):
+            pass
+
+    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=3.0,
+                         start_velocity=(3.0, 4.0))
+    callback = Callback()
+    kept = weakref.ref(callback)
+    plan = solve(scenario, on_iteration=callback)
+    del callback
+    gc.collect()
+    assert plan.rate > 0 and kept() is None
 
 
 @pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])

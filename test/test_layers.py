@@ -54,3 +54,12 @@ def test_imports_run_one_way_and_methods_do_not_know_each_other():
     assert not any(of_methods.get(target, method) != method
                    for path, method in of_methods.items() for target in graph[path])
     TopologicalSorter(graph).prepare()  # It raises an error that shows a circle.
+
+
+def test_nothing_is_kept_in_a_cache_of_the_whole_process():
+    """What such a cache keeps outlives the mission and the call that it belongs to."""
+    cached = [f'{path}:{node.lineno}' for path in PACKAGE.rglob('*.py')
+              for node in ast.parse(path.read_text(encoding='utf-8')).body
+              if isinstance(node, ast.FunctionDef) and any(
+                  'cache' in ast.unparse(decorator) for decorator in node.decorator_list)]
+    assert not cached

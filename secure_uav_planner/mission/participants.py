@@ -354,6 +354,7 @@ class Boundaries:
 
     def __init__(self, scenario: Any) -> None:
         self._scenario, self.margin = scenario, scenario.tracking_margin
+        self._kept_out: dict[float, tuple[tuple[Vertices, str], ...]] = {}
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
         """Return the zones within the margin of an altitude in m, with their names."""
@@ -363,8 +364,11 @@ class Boundaries:
 
     def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
         """Return the polygons, vertices in m and name, that no plan enters at an altitude in m."""
-        return tuple((offset_polygon(zone.vertices, self.margin)[0], name)
-                     for zone, name in self.zones_at(altitude))
+        if altitude not in self._kept_out:
+            self._kept_out[altitude] = tuple(
+                (offset_polygon(zone.vertices, self.margin)[0], name)
+                for zone, name in self.zones_at(altitude))
+        return self._kept_out[altitude]
 
     @cached_property
     def keep_in(self) -> Vertices | None:

@@ -1,7 +1,6 @@
 """Simple polygons in the plane: their check, convex parts, offset, and the depth of points."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 import math
 from typing import Any, TypeAlias
 
@@ -60,7 +59,6 @@ def _too_many(vertices: Sequence[Any]) -> ScenarioError:
     return ScenarioError(f' has {len(vertices)} vertices; it must have at most {MAX_VERTICES}')
 
 
-@lru_cache(maxsize=1024)
 def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
     """
     Partition a simple polygon into convex ones, each (K, 2), counter-clockwise.
@@ -83,14 +81,12 @@ def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
     return tuple(read_only(corners[part]) for part in parts)
 
 
-@lru_cache(maxsize=64)
 def pockets(vertices: Vertices) -> tuple[Vertices, ...]:
     """Return the polygons by which the convex hull of a polygon exceeds it."""
     polygon = shapely.Polygon(vertices)
     return _outlines(polygon.convex_hull.difference(polygon))
 
 
-@lru_cache(maxsize=1024)
 def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     """
     Offset a polygon outwards by a margin in m, or inwards by a negative one.

@@ -128,6 +128,22 @@ def rate_name(objective: str, promise: str) -> str:
     return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'
 
 
+def fading_quantiles(rician_k_db: float | None, share: float) -> tuple[float, float]:
+    """
+    Return the quantiles of the power gain of Rician fading for share and 1 - share.
+
+    Both are 1 without fading.
+    """
+    if rician_k_db is None:
+        return 1.0, 1.0
+    from scipy.stats import ncx2  # Here, because it takes half a second to import.
+    # 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom, noncentrality 2 K.
+    factor = 10.0**(rician_k_db / 10.0)
+    low, high = (quantile(share, 2, 2 * factor) / (2 * (factor + 1))
+                 for quantile in (ncx2.ppf, ncx2.isf))
+    return float(low), float(high)
+
+
 def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,
                      transmit_gain_dbi: float = 0.0, receive_gain_dbi: float = 0.0) -> float:
     """

@@ -20,7 +20,7 @@ from .kinematics import DURATION
 from .participants import (
     Boundaries, Eavesdropper, expand_ground_node, GroundNode, MAX_NODES, NoFlyZone, Uav)
 from .polygons import checked_polygon, Vertices
-from .propagation import Channel
+from .propagation import Channel, fading_quantiles
 from .stored import Stored
 from .tracks import LEFT_OUT, ReceiverPlaces, Track
 from .validation import Array, checked_array, is_sequence, make_unique, read_only
@@ -268,6 +268,26 @@ class Scenario(Stored):
         """Numbers of the ground nodes that are not trusted, and so leak what others are sent."""
         return tuple(number for number, node in enumerate(self.ground_nodes)
                      if not node.trusted and len(self.ground_nodes) > 1)
+
+    @cached_property
+    def outage_share(self) -> float:
+        """
+        Outage budget of each link and cause; 0 without a stated outage.
+
+        By the union bound, some link is on the wrong side of its quantile with a probability of at
+        most the outage, whatever the dependence between links.
+        """
+        channel = self.channel
+        causes = (channel.rician_k_db is not None) + (channel.los is not None)
+        # A link to a node that listens can be on either wrong side.
+        links = len(self.uavs) * (
+            len(self.ground_nodes) + len(self.eavesdroppers) + len(self.listeners))
+        return (channel.outage or 0.0) / (links * max(causes, 1))
+
+    @cached_property
+    def fading_gains(self) -> tuple[float, float]:
+        """Power gains of fading that count for links that help and for links that harm."""
+        return fading_quantiles(self.channel.rician_k_db, self.outage_share)
 
     @cached_property
     def node_offsets(self) -> Array:

@@ -57,10 +57,11 @@ class Airspace:
         outside = [] if boundaries.keep_in is None else [
             Obstacle(part, GEOFENCE) for pocket in pockets(boundaries.keep_in)
             for part in convex_parts(pocket)]
-        return tuple(
-            (*(Obstacle(part, name) for vertices, name in boundaries.keep_out(uav.altitude)
-               if name not in self.far for part in convex_parts(vertices)), *outside)
-            for uav in self.scenario.uavs)
+        near = {altitude: [
+            Obstacle(part, name) for vertices, name in boundaries.keep_out(altitude)
+            if name not in self.far for part in convex_parts(vertices)]
+            for altitude in {uav.altitude for uav in self.scenario.uavs}}
+        return tuple((*near[uav.altitude], *outside) for uav in self.scenario.uavs)
 
     @cached_property
     def far(self) -> frozenset[str]:

@@ -5,8 +5,6 @@ These flights stay farthest from the limits of speed and acceleration; see kinem
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import lru_cache
 from importlib import import_module
 import logging
 import math
@@ -92,46 +90,45 @@ def is_solver_failure(error: BaseException) -> bool:
     return isinstance(error, Exception) or type(error).__name__ == 'PanicException'
 
 
+class LeastFlights:
+    """
+    Flights of least utilisation, each of which is searched for once and then kept.
+
+    A cone program of 200 slots takes 9 ms, and a call of solve asks for some 100 times.
+    """
+
+    def __init__(self) -> None:
+        self._flights: dict[tuple[Vehicle, int, float], tuple[float, Array]] = {}
+
+    def find(self, vehicle: Vehicle, slots: int, step: float,
+             raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
+        """Return the answer of minimise_utilisation."""
+        key = vehicle, slots, step
+        if key not in self._flights:
+            self._flights[key] = minimise_utilisation(*key, raise_if_over)
+        return self._flights[key]
+
+    def find_utilisations(self, scenario: Scenario,
+                          raise_if_over: Callable[[], None] = lambda: None) -> Array:
+        """Return the least utilisations of the flights of a scenario, (U,)."""
+        slots = scenario.slots
+        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
+        return np.array([self.find(uav.vehicle, slots, step, raise_if_over)[0]
+                         for uav in scenario.uavs])
+
+
 def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
                          raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
     """
     Return the least utilisation, and its flight's points (N+2, 2) in m from the start, read-only.
 
     If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits; it is
-    infinite where the solver fails, as it does only where they are exceeded many times.
+    infinite where the solver fails, as it does only where they are exceeded many times. The cone
+    program minimises r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step. The velocities w,
+    (N+1, 2) in m/s, add up to the displacement; velocities beyond both ends are given or free.
 
     :param raise_if_over: called in the search; what it raises is passed on.
     """
-    return _find_flight(_Question(vehicle, slots, step, raise_if_over))
-
-
-def find_least_utilisations(scenario: Scenario,
-                            raise_if_over: Callable[[], None] = lambda: None) -> Array:
-    """Return the least utilisations of the flights of a scenario, (U,)."""
-    slots = scenario.slots
-    step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
-    return np.array([minimise_utilisation(uav.vehicle, slots, step, raise_if_over)[0]
-                     for uav in scenario.uavs])
-
-
-@dataclass(frozen=True)
-class _Question:
-    vehicle: Vehicle
-    slots: int
-    step: float
-    raise_if_over: Callable[[], None] = field(compare=False)  # Answers do not depend on it.
-
-
-# Kept, as a cone program of N slots takes 9 ms for N = 200, and iterates ask for it 100 times.
-@lru_cache(maxsize=64)
-def _find_flight(question: _Question) -> tuple[float, Array]:
-    """
-    Minimise the utilisation r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
-
-    The velocities w, (N+1, 2) in m/s, add up to the displacement; those beyond them are given, or
-    not there.
-    """
-    vehicle, slots, step = question.vehicle, question.slots, question.step
     straight = read_only(vehicle.fly_straight(slots, step))
     if vehicle.is_straight:
         return vehicle.straight_utilisation(slots, step), straight
@@ -156,7 +153,7 @@ def _find_flight(question: _Question) -> tuple[float, Array]:
     solution = solve_cone_program(
         scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows,
         np.concatenate([displacement / unit, np.pad(constants, ((0, 0), (1, 0))).ravel()]),
-        equalities=2, accuracy=_ACCURACY, raise_if_over=question.raise_if_over)
+        equalities=2, accuracy=_ACCURACY, raise_if_over=raise_if_over)
     if solution is None or not np.isfinite(solution).all():
         return math.inf, straight
     velocities = solution[1:].reshape(-1, 2) * top

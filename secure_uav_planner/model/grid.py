@@ -1,6 +1,6 @@
 """The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from .airspace import Airspace
 from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .channel.rates import compute_sinr
-from .cone_program import find_least_utilisations, minimise_utilisation
+from .cone_program import LeastFlights
 from .curve import add_end_moves, evaluate_spline
 from ..mission.scenario import Array, read_only, Scenario
 
@@ -30,11 +30,13 @@ class Grid:
     :param airspace: of the scenario, whose duration does not depend on the grid.
     :param slots: N on this grid.
     :param is_fixed: whether only the powers are variables.
+    :param least_flights: which all grids of a flight share.
     """
 
     airspace: Airspace
     slots: int
     is_fixed: bool = False
+    least_flights: LeastFlights = field(default_factory=LeastFlights)
 
     @property
     def scenario(self) -> Scenario:
@@ -44,14 +46,15 @@ class Grid:
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
         """True for UAVs without time to spare, whose paths are constant, (U,)."""
-        return self.is_fixed | (find_least_utilisations(self.scenario) > 1 - _NO_SLACK)
+        return self.is_fixed | (
+            self.least_flights.find_utilisations(self.scenario) > 1 - _NO_SLACK)
 
     @cached_property
     def reference_flight(self) -> Array:
         """Flights of least utilisation, (U, N+2, 2) in m; read-only."""
         scenario = self.scenario
         flights = np.stack([
-            uav.start + minimise_utilisation(uav.vehicle, self.slots, self.slot_duration)[1]
+            uav.start + self.least_flights.find(uav.vehicle, self.slots, self.slot_duration)[1]
             for uav in scenario.uavs])
         flights[:, -1] = scenario.goals
         return read_only(flights)

@@ -18,7 +18,7 @@ from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
 from ..model.channel.rates import find_head_starts
-from ..model.cone_program import find_least_utilisations, minimise_utilisation
+from ..model.cone_program import LeastFlights, minimise_utilisation
 from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback
@@ -120,7 +120,7 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = move_receivers(
         replace(tail.scenario, uavs=tuple(uavs)), updated, point * step)
-    utilisations = find_least_utilisations(scenario)
+    utilisations = LeastFlights().find_utilisations(scenario)
     late = [uav.name for uav, utilisation in zip(uavs, utilisations, strict=True)
             if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if late:

@@ -7,7 +7,6 @@ an eavesdropper, has a gain of its own; `make_link` says which.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 import math
 from typing import Any, ClassVar, Literal
 
@@ -175,37 +174,21 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     transmits = np.arange(uavs) == 0
     # A jammer interferes at the ground node; the transmitter leaks to an eavesdropper.
     is_adverse = np.stack([~transmits, transmits])[kinds].reshape(shape)
-    share = _outage_share(scenario)
     if channel.rician_k_db is not None:
-        low, high = fading_quantiles(channel.rician_k_db, share)
+        low, high = scenario.fading_gains
         snr = snr * np.where(is_adverse, high, low)
     if channel.is_inverse_square:
         return FreeSpace(snr, altitudes**2)
     a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
     kappa = 10.0**(-loss / 10.0)
     if channel.counts_sights:
-        helping, harming = _sight_elevations(a, b, share)
+        helping, harming = _sight_elevations(a, b, scenario.outage_share)
         begin = np.where(is_adverse, harming - RISE, helping - elevation_offset)
         width = np.where(is_adverse, RISE, RISE + elevation_offset)
         return PathLossQuantile(
             snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
     losses = np.where(is_adverse & channel.cautious, 1.0, kappa)
     return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
-
-
-def _outage_share(scenario: Scenario) -> float:
-    """
-    Return the outage budget of each link and cause; 0 without a stated outage.
-
-    By the union bound, some link is on the wrong side of its quantile with a probability of at
-    most the outage, whatever the dependence between links.
-    """
-    channel = scenario.channel
-    causes = (channel.rician_k_db is not None) + (channel.los is not None)
-    # A link to a node that listens can be on either wrong side.
-    links = len(scenario.uavs) * (
-        len(scenario.ground_nodes) + len(scenario.eavesdroppers) + len(scenario.listeners))
-    return (channel.outage or 0.0) / (links * max(causes, 1))
 
 
 def sight_radii(scenario: Scenario) -> Array:
@@ -218,7 +201,7 @@ def sight_radii(scenario: Scenario) -> Array:
     channel, elevation = scenario.channel, 90.0
     if channel.counts_sights and channel.los_numbers:
         a, b, _ = channel.los_numbers
-        elevation = _sight_elevations(a, b, _outage_share(scenario))[0] + RISE
+        elevation = _sight_elevations(a, b, scenario.outage_share)[0] + RISE
     if elevation >= 90.0:
         return np.full(len(scenario.uavs), np.inf)
     return scenario.altitudes / math.tan(math.radians(elevation))
@@ -229,17 +212,6 @@ def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
     helping, harming = (a + math.log(a * chance / (1 - chance)) / b
                         for chance in (1 - share, share))
     return helping, harming
-
-
-@lru_cache(maxsize=256)
-def fading_quantiles(rician_k_db: float, share: float) -> tuple[float, float]:
-    """Return the quantiles of the power gain of Rician fading for share and 1 - share."""
-    from scipy.stats import ncx2  # Here, because it takes half a second to import.
-    # 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom, noncentrality 2 K.
-    factor = 10.0**(rician_k_db / 10.0)
-    low, high = (quantile(share, 2, 2 * factor) / (2 * (factor + 1))
-                 for quantile in (ncx2.ppf, ncx2.isf))
-    return float(low), float(high)
 
 
 def _probability(z: Array) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 from ..deadline import DeadlineCheck
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import MOST_ROUTES, VisibilityGraph
-from ...model.cone_program import minimise_utilisation
 from ...model.problem import Problem
 
 _TURNS = 25  # Number of places on the way out at which a UAV may turn back.
@@ -91,7 +90,7 @@ def build_flights(problem: Problem, hover: Array,
             continue
         place = stops[0]
         around = fly_around(problem, number, place, *(routes[number] if routes else ()))
-        positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
+        positions[number] = _fly_hover_fly(problem, uav, place) if around is None else around
     for limit in problem.limits:
         positions = limit.shape_start(positions)
     if scenario.limits_acceleration and problem.airspace.is_open:
@@ -150,7 +149,7 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     graph, [routes] = problem.find_routes(
         index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
     if graph is None:
-        return uav.start + minimise_utilisation(
+        return uav.start + problem.grid.least_flights.find(
             uav.vehicle, scenario.slots, scenario.slot_duration)[1] if route == 0 else None
     if len(routes) <= route:
         return None
@@ -262,14 +261,14 @@ def _fly_straight(start: Array, goal: Array, place: Array, step: float, slots: i
     return points
 
 
-def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
+def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
     """
     Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2).
 
     With a limit of acceleration, velocities are moving averages over as many slots as full speed
     takes. Where the UAV turns without hovering this is not enough, which is left to retract.
     """
-    slots, duration = scenario.slots, scenario.slot_duration
+    slots, duration = problem.scenario.slots, problem.scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)
     step = uav.max_speed * duration
     if uav.max_acceleration is None:
@@ -279,7 +278,7 @@ def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
                    for velocity in (uav.start_velocity, uav.goal_velocity))
     begin, end = start + first * (width - 1) / 2, goal - last * (width - 1) / 2
     if width > slots or math.dist(begin, end) > (slots + 2 - width) * step:
-        return start + minimise_utilisation(uav.vehicle, slots, duration)[1]
+        return start + problem.grid.least_flights.find(uav.vehicle, slots, duration)[1]
     moves = np.concatenate([
         np.tile(first, (width - 1, 1)),
         np.diff(_fly_straight(begin, end, place, step, slots + 1 - width), axis=0),

@@ -16,7 +16,7 @@ import scipy
 
 from ..deadline import DeadlineCheck
 from ...mission.scenario import Array
-from ...model.cone_program import find_least_utilisations, solve_cone_program
+from ...model.cone_program import solve_cone_program
 from ...model.grid import Grid, resample_flights
 from ...model.limits import build_limits, LineLimit, NormLimit
 from ...model.limits.lines import Lines
@@ -109,7 +109,7 @@ class _Projection:
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
         self._utilisations = 1 - share * np.maximum(
-            1 - find_least_utilisations(grid.scenario, raise_if_over), 0.0)
+            1 - grid.least_flights.find_utilisations(grid.scenario, raise_if_over), 0.0)
         self._step = float(np.median(grid.step_lengths)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,

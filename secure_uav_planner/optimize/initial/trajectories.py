@@ -20,7 +20,6 @@ from ...mission.fields import raise_all
 from ...mission.kinematics import DURATION, find_shortest_duration, UTILISATION_TOLERANCE
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import GEOFENCE
-from ...model.cone_program import find_least_utilisations, minimise_utilisation
 from ...model.grid import resample
 from ...model.problem import Problem
 from ...plan.plan import Plan
@@ -32,7 +31,7 @@ _FINER, _LONGER = (2, 4, 8, 16), (1, 4)  # Multiples of slots and of the duratio
 _ROUNDING = 1e-4  # Move [m] by which retract repairs rounding errors.
 
 
-def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
+def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
     """
     Raise an error unless each UAV, if it were alone, has the time from start to goal.
 
@@ -40,7 +39,8 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
         `further` has the errors of the other slow UAVs. No duration is named if raise_if_over
         raises TimeLimitError during its search.
     """
-    utilisations = find_least_utilisations(scenario, raise_if_over)
+    scenario, least_flights = problem.scenario, problem.grid.least_flights
+    utilisations = least_flights.find_utilisations(scenario, raise_if_over)
     slow = [uav for uav, utilisation in zip(scenario.uavs, utilisations, strict=True)
             if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if not slow:
@@ -48,7 +48,7 @@ def check_durations(scenario: Scenario, raise_if_over: DeadlineCheck) -> None:
 
     def measure_utilisation(uavs: Sequence[Uav], duration: float) -> float:
         step = duration / scenario.slots
-        return max(minimise_utilisation(uav.vehicle, scenario.slots, step, raise_if_over)[0]
+        return max(least_flights.find(uav.vehicle, scenario.slots, step, raise_if_over)[0]
                    for uav in uavs)
 
     try:
@@ -80,10 +80,10 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
 
     @cache
     def measure_utilisation(duration: float) -> float:
-        longer = replace(scenario, duration=duration)
-        utilisations = find_least_utilisations(longer, raise_if_over)
+        longer = Problem(replace(scenario, duration=duration))
+        utilisations = longer.grid.least_flights.find_utilisations(longer.scenario, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
-        is_flyable = has_time and _search_flights(Problem(longer), raise_if_over) is not None
+        is_flyable = has_time and _search_flights(longer, raise_if_over) is not None
         return 0.5 if is_flyable else 2.0
 
     # Longer is always easier for a flight from rest to rest.
@@ -227,7 +227,7 @@ def fly_hover_fly_positions(problem: Problem,
         errors of more UAVs. No duration is named if raise_if_over raises TimeLimitError during its
         search.
     """
-    check_durations(problem.scenario, raise_if_over)
+    check_durations(problem, raise_if_over)
     if problem.airspace.is_open:
         return build_flights(problem, list_hovering_places(problem.scenario))
     flights = _search_flights(problem, raise_if_over)
@@ -290,7 +290,7 @@ def adapt_plan(problem: Problem, plan: Plan,
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = problem.retract_powers(resample(plan.powers.T, scenario.slots, inner=True).T)
     if not problem.keeps_motion(positions):
-        check_durations(scenario, raise_if_over)
+        check_durations(problem, raise_if_over)
     retracted = problem.retract(positions)
     clear = problem.is_clear(retracted)
     if clear and np.abs(retracted - positions).max() < _ROUNDING:
