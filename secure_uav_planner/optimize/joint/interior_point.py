@@ -122,7 +122,10 @@ class Solver(Protocol):
     """What a SolverDriver drives: an InteriorPointSolver, or one whose receivers change."""
 
     grid: Grid
-    solver_time: float
+
+    @property
+    def solver_time(self) -> float:
+        """Time in the kernel, in s."""
 
     @property
     def is_done(self) -> bool:
