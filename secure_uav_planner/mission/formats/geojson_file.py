@@ -173,7 +173,7 @@ def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> An
 
 
 def _check_properties(properties: Mapping[str, Any]) -> None:
-    """Refuse properties, also those of a block in them, that a zone cannot keep."""
+    """Refuse properties that a zone cannot keep, also in nested blocks."""
     for name, value in properties.items():
         if isinstance(value, Mapping):
             _check_properties(value)
