@@ -52,6 +52,7 @@ ros = [f'{name}; {WITH_ROS}' for name in (
     'ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6')]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
 explore = ['dash>=4.0', 'plotly>=5.15']
+logs = ['pymavlink>=2.4', 'pyulog>=1.1', 'rosbags>=0.10']
 campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']
 
 setup(
@@ -80,8 +81,8 @@ setup(
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
     # `ros` is for machines without ROS: an installed ROS has these already.
     extras_require={
-        'ros': ros, 'view': view, 'explore': explore, 'campaign': campaign,
-        'all': [*campaign, *explore, *ros],
+        'ros': ros, 'view': view, 'explore': explore, 'campaign': campaign, 'logs': logs,
+        'all': [*campaign, *explore, *logs, *ros],
         'test': ['pytest']},  # By which colcon chooses it; the rest is in test/requirements.txt.
     zip_safe=False,
     author='secure_uav_planner maintainers',

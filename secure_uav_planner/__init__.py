@@ -8,7 +8,8 @@ from importlib import import_module
 TYPE_CHECKING = False  # Type checkers know the name. To load typing takes longer than all of this.
 if TYPE_CHECKING:
     from .apps.campaigns import run_campaign
-    from .assessment import assess, Assessment, World
+    from .assessment import (
+        assess, Assessment, compare, Comparison, FlownFlight, read_flight, World)
     from .bound import shortest_duration, upper_bound
     from .errors import PlanningError
     from .mission.formats.airspace_file import read_zones
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
     from .plan import Bound, Iteration, Plan
     __version__: str
 
-__all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'GroundNode', 'Iteration', 'METHODS',
-           'NoFlyZone', 'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav',
-           'World', 'assess', 'fly_hover_fly', 'read_zones', 'reference_snr_db',
-           'run_campaign', 'shortest_duration', 'solve', 'upper_bound']
+__all__ = ['Assessment', 'Bound', 'Channel', 'Comparison', 'Eavesdropper', 'FlownFlight',
+           'GroundNode', 'Iteration', 'METHODS', 'NoFlyZone', 'Origin', 'Plan', 'PlanningError',
+           'Propulsion', 'Scenario', 'Uav', 'World', 'assess', 'compare', 'fly_hover_fly',
+           'read_flight', 'read_zones', 'reference_snr_db', 'run_campaign', 'shortest_duration',
+           'solve', 'upper_bound']
 
 _MODULES = ('apps.campaigns', 'assessment', 'bound', 'errors', 'mission.formats.airspace_file',
             'mission.geography', 'mission.participants', 'mission.propagation', 'mission.scenario',

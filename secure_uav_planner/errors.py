@@ -111,6 +111,10 @@ class PlanFileError(PlanningError, ValueError, code='invalid_file'):
     """A file does not hold a plan that this version can read."""
 
 
+class LogFileError(PlanningError, ValueError, code='invalid_log'):
+    """A file is no readable log of a flight, or no log of this flight."""
+
+
 class ParameterError(PlanningError, ValueError, code='invalid_parameter'):
     """A parameter of a node has a wrong value."""
 
@@ -160,7 +164,8 @@ class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
 
 
 _EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
-           'dash': 'explore', 'distributed': 'campaign', 'joblib': 'campaign'}
+           'dash': 'explore', 'distributed': 'campaign', 'joblib': 'campaign',
+           'pymavlink': 'logs', 'pyulog': 'logs', 'rosbags': 'logs'}
 _REQUIRED = {'clarabel', 'cvxpy'}  # For these, rosdep has no key that keeps the system's NumPy.
 
 

@@ -13,9 +13,9 @@ import sys
 from typing import Any, NoReturn
 
 from ..errors import (
-    brief, MissingPackageError, MissionFileError, name_missing_package, OptionError, PlanFileError,
-    PlanningError, quote, ScenarioError, StoppedError)
-from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES
+    brief, LogFileError, MissingPackageError, MissionFileError, name_missing_package, OptionError,
+    PlanFileError, PlanningError, quote, ScenarioError, StoppedError)
+from ..mission import LOCATION_MODELS, METHODS, OBJECTIVES, TIME_SOURCES
 from ..mission.formats.mission_file import EXAMPLES
 from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilots import AUTOPILOTS
@@ -30,18 +30,20 @@ except PackageNotFoundError:
 NODES = ('planner', 'relay', 'replay')
 """Nodes that the command can run."""
 
-DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT, UNCOVERED, STOPPED = 0, 1, 2, 3, 130
 
 EXIT_STATUSES = {
     DONE: 'done',
-    FAILED: 'failed on the way, for example because the disk is full',
+    FAILED: 'failed on the way, for example because the disk is full; or a flight broke a '
+            'promised slot',
     BAD_INPUT: 'bad input: a wrong option, mission or plan, or a folder that cannot be written',
+    UNCOVERED: 'the logs do not cover the whole flight',
     STOPPED: 'stopped by Ctrl-C or SIGTERM; a plan that was under way is kept as far as it had '
              'come',
 }
 """The meaning of each exit status."""
 
-_BAD_INPUTS = MissingPackageError, OptionError, PlanFileError, ScenarioError
+_BAD_INPUTS = LogFileError, MissingPackageError, OptionError, PlanFileError, ScenarioError
 
 _ABOUT = """\
 Plan how UAVs fly and radiate so that a transmission stays secret. ROS is not needed.
@@ -86,9 +88,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, signal.default_int_handler)
-        run(options)
+        status = run(options)
         sys.stdout.flush()  # A closed pipe is an error here, not at exit.
-        return DONE
+        return status or DONE
     except MissionFileError as error:
         for line, text in error.problems:
             _print_error(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
@@ -230,13 +232,21 @@ has an origin. Ctrl-C ends the search and keeps the best plan so far.""", {
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf), web page (.html) or, '
                'where the mission has an origin, map (.geojson) to write (default: a .png beside '
                'the plan, in place of the one that plan drew there)'}}),
-    'assess': ('planning:assess_plan', 'say what a saved plan is worth when the world differs', """
+    'assess': ('assessments:assess_plan', 'say what a plan is worth when the world differs', """
 
 It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
 prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
 beside what the plan promises, and draws them. Without options, the world differs only in what the
-plan allows for.""", {
+plan allows for. With --flown, it compares a flight with the plan instead.""", {
         'plan': _PLAN,
+        '--flown': {'nargs': '+', 'metavar': 'LOG', 'help': 'compare this flight with the plan: a '
+                    'bag (.mcap, .db3 or folder) or .csv with all UAVs, or a log of each, such as '
+                    'uav1=a.ulg uav2=b.BIN (.ulg, .BIN, .tlog, .csv, .tum)'},
+        '--at': {'choices': TIME_SOURCES, 'help': 'where the time of the plan in the logs '
+                 'is taken from (default: the first of these that all logs have)'},
+        '--shift': {'nargs': '+', 'metavar': 'UAV=X,Y', 'help': "place of the origin of a log's "
+                    "frame in the plan's frame, in m (default: both are one)"},
+        '--json': {'action': 'store_true', 'help': 'print the numbers of the flight as JSON'},
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
                '.assess.png beside the plan)'},
         '--draws': {'type': _whole, 'default': 1000, 'metavar': 'D',

@@ -1,9 +1,8 @@
-"""Plans: `plan` makes and writes one, `show` draws one, `assess` assesses one."""
+"""Plans: `plan` makes and writes one, `show` draws one."""
 
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields, replace
 from pathlib import Path
 import signal
 import sys
@@ -11,16 +10,15 @@ import time
 from typing import Any
 
 from .missions import choose_picture, load_input, locating_errors, make_folder, SHORTFALL_DRAWS
-from ..assessment import assess, World
+from ..assessment import assess
 from ..bound import explain_refusal, shortest_duration, upper_bound
 from ..errors import (
     describe_error, InfeasibleMissionError, MissingPackageError, name_missing_package, OptionError,
-    PlanningError, ScenarioError, StoppedError)
+    PlanningError, StoppedError)
 from ..mission.files import naming
-from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..optimize import fly_hover_fly, solve
-from ..output.tables import assessment_table, rate_table, save_csv
+from ..output.tables import rate_table, save_csv
 from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
 
@@ -222,51 +220,3 @@ def show_plan(options: argparse.Namespace) -> None:
     with drawing(file):
         _save_view(plan, file, [])
     print(f'written: {file}')
-
-
-def assess_plan(options: argparse.Namespace) -> None:
-    """Assess a plan."""
-    plan = Plan.load(options.plan)
-    file = choose_picture(options, '.assess.png', _PICTURES)
-    assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
-    print(assessment_table(assessment))
-    with drawing_if_possible(file):
-        from ..output.figures import save_assessment
-        save_assessment(assessment, file)
-        print(f'\nwritten: {file}')
-
-
-def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
-    """Return the World of the options."""
-    values, changes = ({
-        field.name: value for field in fields(kind)
-        if (value := getattr(options, field.name, None)) is not None} for kind in (World, Channel))
-    if 'covariance' in values:
-        xx, xy, yy = values['covariance']
-        values['covariance'] = ((xx, xy), (xy, yy))
-    if 'positions' in values:
-        if len(values['positions']) % 2:
-            raise OptionError(f'--positions has {len(values["positions"])} numbers; it must have '
-                              'x and y of each eavesdropper')
-        values['positions'] = tuple(zip(values['positions'][::2], values['positions'][1::2]))
-    if options.speed_factor is not None and not any(
-            eve.track for eve in plan.scenario.eavesdroppers):
-        raise OptionError(f'--speed-factor is {options.speed_factor:g}; the plan must have an '
-                          'eavesdropper with a track')
-    if options.mean_gain:
-        values['los_distance'] = None
-    if changes:
-        if changes.get('los') == 'none':
-            changes['los'] = None
-        try:
-            channel = plan.scenario.channel
-            # A channel with fading needs an outage, which the draws do not use.
-            fading = changes.get('rician_k_db', channel.rician_k_db)
-            changes['outage'] = None if fading is None else 0.5
-            values['channel'] = replace(channel, **changes)
-        except ScenarioError as error:
-            raise OptionError(str(error)) from None
-    try:
-        return World(**values)
-    except OptionError as error:
-        raise OptionError(f'--{error.place[0].replace("_", "-")}: {error}') from None

@@ -19,3 +19,8 @@ LOCATION_MODELS: tuple[LocationModel, ...] = get_args(LocationModel)
 
 Power: TypeAlias = Literal['constant', 'optimised']
 """The powers of fly_hover_fly."""
+
+TimeSource: TypeAlias = Literal['plan_time', 'utc', 'takeoff', 'fit']
+"""Where the time of a plan in the logs of its flight is taken from."""
+
+TIME_SOURCES: tuple[TimeSource, ...] = get_args(TimeSource)

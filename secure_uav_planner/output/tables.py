@@ -38,7 +38,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
     has_gaps = any(plan.bound is not None for plan in plans)
-    text = _align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
+    text = align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
@@ -47,7 +47,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:
         width = max(_TIME, *(len(name) + 2 for _, name, *_ in energies))
-        text += '\n\n' + _align((width, _RATE, _RATE, _RATE), (
+        text += '\n\n' + align((width, _RATE, _RATE, _RATE), (
             ('scheme', 'UAV', 'energy', 'hovering', 'flying'),
             ('by the model', '', 'J', 'J', 'J'), *energies))
     return text
@@ -59,11 +59,13 @@ def _gap_cell(plan: Any) -> str:
     return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'  # A bound: rounded up.
 
 
-def _align(widths: Sequence[int], rows: Iterable[Sequence[str]]) -> str:
+def align(widths: Sequence[int], rows: Iterable[Sequence[str]],
+          name_width: int = _NAME) -> str:
     """Return rows as lines: a name, and as many right-aligned cells as there are widths."""
     return '\n'.join(
-        (f'{name:<{_NAME}}' + ''.join(f'{cell:>{width}}' for cell, width in zip(cells, widths)))
-        .rstrip() for name, *cells in rows)
+        (f'{name:<{name_width}}' + ''.join(
+            f'{cell:>{width}}' for cell, width in zip(cells, widths))).rstrip()
+        for name, *cells in rows)
 
 
 def assessment_table(assessment: Any) -> str:
@@ -74,7 +76,7 @@ def assessment_table(assessment: Any) -> str:
                  *np.quantile(assessment.delivered, (0.05, 0.5)))
     outages = assessment.outages.mean(), summary['outage']
     is_promise = assessment.plan.scenario.channel.is_guarantee
-    text = _align([_RATE] * 4, (
+    text = align([_RATE] * 4, (
         (f'of {assessment.draws} draws', 'promised' if is_promise else 'planned', 'mean', '5%',
          '50%'),
         ('secrecy rate, bit/s/Hz', *(f'{rate:.4f}' for rate in rates)),

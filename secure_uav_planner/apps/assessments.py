@@ -1,0 +1,115 @@
+"""`assess`: a saved plan in other worlds, and a flight against its plan."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+import json
+import re
+from typing import Any
+
+from .missions import choose_picture
+from .planning import drawing_if_possible
+from ..assessment import assess, World
+from ..assessment.flown import compare, read_flight
+from ..errors import OptionError, quote, ScenarioError
+from ..mission.propagation import Channel
+from ..output.tables import assessment_table
+from ..plan.plan import Plan
+
+_PICTURES = ('.png', '.svg', '.pdf')
+_BROKEN, _UNCOVERED = 1, 3  # Exit statuses.
+
+
+def assess_plan(options: argparse.Namespace) -> int | None:
+    """Assess a plan, or compare a flight with it; return the exit status of a flight."""
+    plan = Plan.load(options.plan)
+    if options.flown:
+        return compare_flight(plan, options)
+    file = choose_picture(options, '.assess.png', _PICTURES)
+    assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
+    print(assessment_table(assessment))
+    with drawing_if_possible(file):
+        from ..output.figures import save_assessment
+        save_assessment(assessment, file)
+        print(f'\nwritten: {file}')
+    return None
+
+
+def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
+    """Return the World of the options."""
+    values, changes = ({
+        field.name: value for field in fields(kind)
+        if (value := getattr(options, field.name, None)) is not None} for kind in (World, Channel))
+    if 'covariance' in values:
+        xx, xy, yy = values['covariance']
+        values['covariance'] = ((xx, xy), (xy, yy))
+    if 'positions' in values:
+        if len(values['positions']) % 2:
+            raise OptionError(f'--positions has {len(values["positions"])} numbers; it must have '
+                              'x and y of each eavesdropper')
+        values['positions'] = tuple(zip(values['positions'][::2], values['positions'][1::2]))
+    if options.speed_factor is not None and not any(
+            eve.track for eve in plan.scenario.eavesdroppers):
+        raise OptionError(f'--speed-factor is {options.speed_factor:g}; the plan must have an '
+                          'eavesdropper with a track')
+    if options.mean_gain:
+        values['los_distance'] = None
+    if changes:
+        if changes.get('los') == 'none':
+            changes['los'] = None
+        try:
+            channel = plan.scenario.channel
+            # A channel with fading needs an outage, which the draws do not use.
+            fading = changes.get('rician_k_db', channel.rician_k_db)
+            changes['outage'] = None if fading is None else 0.5
+            values['channel'] = replace(channel, **changes)
+        except ScenarioError as error:
+            raise OptionError(str(error)) from None
+    try:
+        return World(**values)
+    except OptionError as error:
+        raise OptionError(f'--{error.place[0].replace("_", "-")}: {error}') from None
+
+
+def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
+    """Print and draw a comparison; return the exit status where a slot broke or is not covered."""
+    flight = read_flight(_parse_logs(options.flown), plan, options.at,
+                         _parse_shifts(options.shift or ()))
+    comparison = compare(plan, flight)
+    print(json.dumps(comparison.to_dict(), indent=2) if options.json else comparison.summary())
+    file = choose_picture(options, '.flown.png', _PICTURES)
+    if options.out or not options.json:
+        with drawing_if_possible(file):
+            from ..output.flown_picture import save_comparison
+            save_comparison(comparison, file)
+            if not options.json:
+                print(f'\nwritten: {file}')
+    if comparison.broken.any():
+        return _BROKEN
+    return None if comparison.covered.all() else _UNCOVERED
+
+
+def _parse_logs(words: Sequence[str]) -> Any:
+    """Return the file of all UAVs, or the file of each by name."""
+    if len(words) == 1 and '=' not in words[0]:
+        return words[0]
+    logs: dict[str, str] = {}
+    for word in words:
+        name, equals, path = word.partition('=')
+        if not (equals and name and path) or name in logs:
+            raise OptionError(f'--flown has {quote(word)}; it must be one file, or UAV=FILE once '
+                              'for each UAV')
+        logs[name] = path
+    return logs
+
+
+def _parse_shifts(words: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    shifts = {}
+    for word in words:
+        match = re.fullmatch(r'(.+)=([^,]+),([^,]+)', word)
+        try:
+            name, *numbers = match.groups() if match else ()
+            shifts[name] = tuple(map(float, numbers))
+        except ValueError:
+            raise OptionError(f'--shift has {quote(word)}; it must be UAV=X,Y in m') from None
+    return shifts

@@ -1,0 +1,73 @@
+"""Dataflash logs of ArduPilot (.BIN), read by pymavlink."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from .log import VehicleLog
+from ...errors import LogFileError
+
+_ESTIMATES = ('XKF1', 'NKF1')  # The message of the newer estimator, then the older.
+_GPS_EPOCH_S = 315964800  # UTC of the beginning of the GPS weeks.
+_LEAP_S = 18  # GPS less UTC, since 2017.
+_WEEK_S = 604800
+_US = 1e-6
+_WH = 3600.0  # J
+
+
+def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
+    """Return the log of a vehicle, of the estimator's core 0; NED becomes east, north, up."""
+    from pymavlink.DFReader import DFReader_binary  # Here, since few need it.
+    reader = DFReader_binary(os.fspath(path))
+    try:
+        return _read(reader)
+    finally:
+        reader.close()
+
+
+def _read(reader: Any) -> VehicleLog:
+    columns = {
+        **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
+        'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
+        'BAT': ('EnrgTot', 'Inst'), 'PSCN': ('TPN',), 'PSCE': ('TPE',)}
+    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in columns}
+    while (message := reader.recv_match(type=list(columns))) is not None:
+        name = message.get_type()
+        rows[name].append((message.TimeUS * _US, *(
+            float(getattr(message, column, 0.0)) for column in columns[name])))
+    table = {name: np.array(values) for name, values in rows.items() if values}
+    estimate = next((table[name] for name in _ESTIMATES if name in table), None)
+    if estimate is None:
+        raise LogFileError('it has no positions of an estimator (XKF1 or NKF1)')
+    estimate = estimate[estimate[:, 1] == estimate[0, 1].min()]
+    up = np.array([1.0, 1.0, -1.0])
+    battery = table.get('BAT')
+    if battery is not None:
+        battery = battery[battery[:, 2] == 0]
+    targets = None
+    if 'PSCN' in table and 'PSCE' in table:
+        north, east = table['PSCN'], table['PSCE']
+        targets = north[:, 0], np.stack(
+            [np.interp(north[:, 0], *east.T), north[:, 1]], axis=-1)
+    return VehicleLog(
+        estimate[:, 0], estimate[:, 2:5] * up, estimate[:, 5:8] * up, _find_utc_offset(table),
+        _find_reference(table), battery=None if battery is None or not len(battery) else (
+            battery[:, 0], battery[:, 1] * _WH), setpoints=targets)
+
+
+def _find_utc_offset(table: dict[str, Any]) -> float | None:
+    if 'GPS' not in table:
+        return None
+    fixes = table['GPS'][(table['GPS'][:, 3] >= 3) & (table['GPS'][:, 1] > 0)]
+    if not len(fixes):
+        return None
+    utc = _GPS_EPOCH_S - _LEAP_S + _WEEK_S * fixes[:, 1] + fixes[:, 2] * 1e-3
+    return float(np.median(utc - fixes[:, 0]))
+
+
+def _find_reference(table: dict[str, Any]) -> tuple[float, float] | None:
+    """Return the origin of the estimator in degrees."""
+    origins = table.get('ORGN', np.zeros((0, 4)))
+    origins = origins[origins[:, 1] == 0]
+    return (float(origins[-1, 2]), float(origins[-1, 3])) if len(origins) else None

@@ -1,0 +1,113 @@
+"""Logs of PX4 (.ulg), read by pyulog."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from .log import VehicleLog
+from ...errors import LogFileError, OptionError
+from ...mission.geography import Origin
+from ...mission.scenario import Array
+
+_TOPICS = ['vehicle_local_position', 'trajectory_setpoint', 'vehicle_status', 'battery_status',
+           'vehicle_gps_position', 'sensor_gps']
+_OFFBOARD = 14  # vehicle_status.nav_state
+_US = 1e-6
+
+
+def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
+    """Return the log of a vehicle; NED becomes east, north, up."""
+    from pyulog import ULog  # Here, since few need it.
+    topics: dict[str, Any] = {}
+    for dataset in ULog(os.fspath(path), _TOPICS, disable_str_exceptions=True).data_list:
+        if dataset.multi_id == 0 or dataset.name not in topics:
+            topics[dataset.name] = dataset.data
+    if 'vehicle_local_position' not in topics:
+        raise LogFileError('it has no topic vehicle_local_position')
+    local = topics['vehicle_local_position']
+    times = local['timestamp'] * _US
+    valid = np.ones(len(times), bool)
+    for name in ('xy_valid', 'z_valid'):
+        valid &= np.asarray(local.get(name, valid), bool)
+    velocities = _to_enu(local, 'vx', 'vy', 'vz')[valid] if 'vx' in local else None
+    positions, reference = _join_frames(local, _to_enu(local, 'x', 'y', 'z'))
+    jumps, notes = _find_jumps(local, times)
+    setpoints = topics.get('trajectory_setpoint')
+    if setpoints is not None and 'x' not in setpoints:
+        setpoints = {**setpoints, **{
+            name: setpoints[f'position[{index}]'] for index, name in enumerate('xyz')}}
+    return VehicleLog(
+        times[valid], positions[valid], velocities, _find_utc_offset(topics), reference, jumps,
+        battery=_integrate_battery(topics.get('battery_status')),
+        setpoints=None if setpoints is None else (
+            setpoints['timestamp'] * _US, _to_enu(setpoints, 'x', 'y', 'z')[:, :2]),
+        notes=(*notes, *_describe_offboard(topics.get('vehicle_status'))))
+
+
+def _to_enu(data: Any, *names: str) -> Array:
+    north, east, down = (np.asarray(data[name], float) for name in names)
+    return np.stack([east, north, -down], axis=-1)
+
+
+def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, float] | None]:
+    """Return positions in the first frame with a reference, and that reference."""
+    if 'ref_lat' not in local:
+        return positions, None
+    places = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
+    known = np.isfinite(places).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
+    if not known.any():
+        return positions, None
+    latitude, longitude = places[known][0].tolist()
+    for place in np.unique(places[known], axis=0):
+        same = known & (places == place).all(axis=1)
+        try:
+            east, north = Origin(latitude, longitude).to_local(*place)
+        except OptionError as error:
+            raise LogFileError(f'ref_lat, ref_lon: {error}') from None
+        positions[same, :2] += [float(east), float(north)]
+    return positions, (latitude, longitude)
+
+
+def _find_jumps(local: Any, times: Array) -> tuple[tuple[float, ...], list[str]]:
+    jumps, notes = [], []
+    for name in ('ref_timestamp', 'xy_reset_counter'):
+        for index in np.flatnonzero(np.diff(np.asarray(local.get(name, ()), np.int64))).tolist():
+            jumps.append(float(times[index]))
+            notes.append(f'the frame jumped at {times[index + 1]:.1f} s of the log ({name})')
+    return tuple(sorted({*jumps})), notes
+
+
+def _find_utc_offset(topics: dict[str, Any]) -> float | None:
+    """Return UTC in s less the log's clock, by the first valid time of the GPS receiver."""
+    for name in ('vehicle_gps_position', 'sensor_gps'):
+        data = topics.get(name, {})
+        utc = np.asarray(data.get('time_utc_usec', ()), float)
+        known = np.flatnonzero(utc > 0)
+        if len(known):
+            return float(np.median((utc[known] - data['timestamp'][known]) * _US))
+    return None
+
+
+def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
+    if data is None:
+        return None
+    names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
+    for voltage, current in names:
+        if voltage in data and current in data:
+            times = data['timestamp'] * _US
+            power = np.asarray(data[voltage], float) * np.maximum(data[current], 0.0)
+            steps = np.diff(times) * (power[1:] + power[:-1]) / 2
+            return times, np.append(0.0, np.cumsum(steps))
+    return None
+
+
+def _describe_offboard(status: Any) -> list[str]:
+    """Return a note of the time in OFFBOARD."""
+    if status is None or 'nav_state' not in status:
+        return []
+    is_offboard = np.asarray(status['nav_state']) == _OFFBOARD
+    if not is_offboard.any():
+        return ['it was never in OFFBOARD']
+    times = status['timestamp'][is_offboard] * _US
+    return [f'in OFFBOARD from {times[0]:.1f} to {times[-1]:.1f} s of the log']
