@@ -1,7 +1,7 @@
 """The page to drag a mission on, in a real browser; what is drawn is what solve answers."""
 
 from concurrent.futures import wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from http.client import HTTPConnection
 import json
@@ -322,6 +322,13 @@ def url(tmp_path_factory):
     """Return the address of the page of the paper's mission, from the real command."""
     folder = tmp_path_factory.mktemp('explore')
     PAPER.save(folder / 'mission.yaml')
+    with serve(folder) as address:
+        yield address
+
+
+@contextmanager
+def serve(folder):
+    """Give the address of the page of the mission in a folder."""
     process = subprocess.Popen(
         [sys.executable, '-c', PATIENT, 'explore', 'mission.yaml'], cwd=folder,
         stdout=subprocess.PIPE, text=True, env=environment(BROWSER='true'))
@@ -495,6 +502,16 @@ def test_at_1280_by_800_map_rates_and_first_sliders_are_seen_and_no_legend_is_on
             assert low <= places[0] - 0.99 * room and high >= places[1] + 0.99 * room
     finally:
         browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_a_page_whose_server_has_ended_says_so(browser, tmp_path):
+    PAPER.save(tmp_path / 'mission.yaml')
+    with serve(tmp_path) as url:
+        page = Page(browser, url)
+        page.wait_for_plan()
+    page.click('undo')
+    wait_for(browser, lambda: page.text('state') == (
+        'the server of this page has ended: start it again'))
 
 
 def test_a_page_that_outlives_its_server_is_told_to_reload(page):

@@ -97,6 +97,14 @@ details label { display: block; margin-top: 6px; color: var(--muted); font-size:
   .graph { height: calc(100vh - 190px) !important; min-height: 400px } }
 </style></head><body>{%app_entry%}<footer>{%config%}{%scripts%}{%renderer%}</footer>
 <script>
+// Dash tells only the console that no server answers.
+const ask = window.fetch;
+window.fetch = (...request) => ask(...request).catch(error => {
+  dash_clientside.set_props('state', {
+    children: 'the server of this page has ended: start it again', className: 'failed'});
+  dash_clientside.set_props('words', {className: 'old'});
+  throw error;
+});
 // A double click or tap on a shape removes what it stands for.
 let first = {timeStamp: -Infinity};
 addEventListener('pointerdown', event => {

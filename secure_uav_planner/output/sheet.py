@@ -4,8 +4,10 @@ Where the parts of a picture are; sizes are measured, and in inches.
 Constrained layout cuts off legends beside axes of equal aspect.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
+from matplotlib.axes import Axes
 import numpy as np
 
 _EDGE, _GAP, _PART_GAP = 0.12, 0.08, 0.25
@@ -24,8 +26,8 @@ _SINGLE_MAP = 5.95, 5.6  # Largest size of a map without charts.
 class Part(NamedTuple):
     """Axes, and a function that makes their legend from options such as `ncols`."""
 
-    axes: object
-    add_legend: object
+    axes: Axes
+    add_legend: Callable[..., None]
 
     def fit_legend(self, room):
         """Make the legend with as many columns as a width has room for; return its size (2,)."""
