@@ -165,27 +165,34 @@ class ColumnPool:
 
         :param evaluate: the values of columns, (G, C) in nats, for w0 and v of the search.
         """
-        region, table = self.region, self._table.power.shape[1]
         # A UAV may best be silent in a slot in which the rest of the team sends.
         places = self._silent_places
-        silent = Columns.of(region, places, np.zeros(places.shape[:2]))
+        silent = Columns.of(self.region, places, np.zeros(places.shape[:2]))
         pool = Columns.concatenate([self._table, silent, *self._improved])
         value = evaluate(pool)
         kept = min(KEPT, value.shape[1])
         chosen = pool.take(np.argpartition(value, -kept, axis=1)[:, -kept:])
-        # Of every place of the table only its best power.
-        count = self._grid.shape[1]
-        powers = table // count
-        best = value[:, :table].reshape(len(value), count, powers).argmax(2)
-        best = np.concatenate([best + powers * np.arange(count), np.broadcast_to(
-            np.arange(table, value.shape[1]), (len(value), value.shape[1] - table))], 1)
+        best = self._select_powers(value)
         candidates, value = pool.take(best), np.take_along_axis(value, best, 1)
         fresh = self._improve(
-            candidates.take(_select_distinct(region, candidates, value)), evaluate)
+            candidates.take(_select_distinct(self.region, candidates, value)), evaluate)
         improved = Columns.concatenate([*self._improved, fresh])
         latest = np.arange(improved.power.shape[1])[-OLD - FRESH:]
         self._improved = [improved.take(np.broadcast_to(latest, (len(value), len(latest))))]
         self._rounds = [*self._rounds, Columns.concatenate([chosen, *self._improved])][-RECENT:]
+
+    def _select_powers(self, value: Array) -> NDArray[np.intp]:
+        """
+        Return the indices of a pool's columns, of each place of the table only the best power.
+
+        :param value: of all columns, those of the table first, (G, K P + others).
+        """
+        count, table = self._grid.shape[1], self._table.power.shape[1]
+        powers = table // count
+        best = value[:, :table].reshape(len(value), count, powers).argmax(2)
+        others = np.arange(table, value.shape[1])
+        return np.concatenate([best + powers * np.arange(count), np.broadcast_to(
+            others, (len(value), len(others)))], 1)
 
     def add_silent_places(self, slope: Array | None, evaluate: Callable[[Columns], Array]) -> None:
         """
@@ -261,5 +268,5 @@ def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weigh
         'step': team.regions[uav].steps, 'mean': team.groups.means, 'weights': weight,
         'v': v}
     return {**{name: np.ascontiguousarray(array, float) for name, array in arrays.items()},
-            'acceleration': layout.acceleration.start, 'tau': tau,
+            'quadratic': layout.quadratic, 'accelerates': layout.accelerates, 'tau': tau,
             'price': float(point.prices[uav])}

@@ -77,42 +77,118 @@ class ArrowSystem:
 
         :raises numpy.linalg.LinAlgError: where the Hessian is not positive definite.
         """
-        before, v, after, price = self.layout
-        (count, width), size, shift = self.edge.shape, after.stop, after.start
-        change = (damping * self.sharpness)[:, None, None] * np.eye(width)
-        groups, edges = self.groups.copy(), self.edges + 1e-9 * np.eye(width)
+        groups, edges = self._damp(damping)
+        factor = scipy.linalg.cholesky_banded(
+            self._assemble_band(groups, edges), lower=True, check_finite=False)
+        border = self._assemble_border(groups)
+        answer = scipy.linalg.cho_solve_banded((factor, True), border, check_finite=False)
+        prices = self._eliminate_border(groups, border, answer, damping)
+        (count, width), shift = self.edge.shape, self.layout.after.start
+        x = -(answer[:, -1] + answer[:, :-1] @ prices).reshape(count, shift)
+        return DualPoint(self.potential, x[:, :width].reshape(count, len(prices), -1),
+                         x[:-1, width:], prices)
+
+    def _damp(self, damping: float) -> tuple[Array, Array]:
+        """Return the Hessians of groups (G, F, F) and edges (G + 1, U P, U P) with damping."""
+        before, v, after, _ = self.layout
+        identity = np.eye(self.edge.shape[1])
+        change = (damping * self.sharpness)[:, None, None] * identity
+        groups, edges = self.groups.copy(), self.edges + 1e-9 * identity
         for side, opposite in ((before, after), (after, before)):
             groups[:, side, side] += change
             groups[:, side, opposite] -= change
         edges[[0, -1]] += change[[0, -1]]
         raised = np.arange(v.start, v.stop)
         groups[:, raised, raised] = (1 + damping) * groups[:, raised, raised] + 1e-12
-        # The diagonals below the main one, of rows of an edge and v; the last v is none.
+        return groups, edges
+
+    def _assemble_band(self, groups: Array, edges: Array) -> Array:
+        """Return the lower diagonals of the band, in which an edge and v make a block of rows."""
+        (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
+            self.layout.after.start)
         band = np.zeros((count, shift, size))
         for column in range(size):
             edge, row = divmod(column, shift)
             band[edge:count - 1 + edge, row, :size - column] += groups[:, column:size, column]
         for column in range(width):
             band[:, column, :width - column] += edges[:, column:, column]
+        # No group follows the last edge.
         band[-1, width:, 0] = 1.0
-        # The columns of the prices, and the gradient.
-        right = np.zeros((count, shift, len(self.price) + 1))
-        border = np.concatenate([groups[:, :size, price], self.group[:, :size, None]], -1)
-        right[:-1] += border[:, :shift]
-        right[1:, :width] += border[:, shift:]
-        right[:, :width, -1] += self.edge
-        right = right.reshape(count * shift, -1)
-        factor = scipy.linalg.cholesky_banded(
-            band.reshape(-1, size).T, lower=True, check_finite=False)
-        answer = scipy.linalg.cho_solve_banded((factor, True), right, check_finite=False)
+        return np.asarray(band.reshape(-1, size).T)
+
+    def _assemble_border(self, groups: Array) -> Array:
+        """Return the columns of the prices beside the band, and the gradient as the last one."""
+        (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
+            self.layout.after.start)
+        border = np.zeros((count, shift, len(self.price) + 1))
+        own = np.concatenate(
+            [groups[:, :size, self.layout.prices], self.group[:, :size, None]], -1)
+        border[:-1] += own[:, :shift]
+        border[1:, :width] += own[:, shift:]
+        border[:, :width, -1] += self.edge
+        return border.reshape(count * shift, -1)
+
+    def _eliminate_border(self, groups: Array, border: Array, answer: Array, damping: float
+                          ) -> Array:
+        """
+        Return the step of the prices, (U,).
+
+        :param answer: the inverse of the band times the border.
+        """
+        price = self.layout.prices
         corner = np.diag(self.prices) + groups[:, price, price].sum(0) - (
-            right[:, :-1].T @ answer[:, :-1])
+            border[:, :-1].T @ answer[:, :-1])
         corner += damping * np.diag(np.abs(np.diag(corner)))
-        prices = -np.linalg.solve(corner, self.price + self.group[:, price].sum(0)
-                                  - right[:, :-1].T @ answer[:, -1])
-        x = -(answer[:, -1] + answer[:, :-1] @ prices).reshape(count, shift)
-        return DualPoint(self.potential, x[:, :width].reshape(count, len(prices), -1),
-                         x[:-1, width:], prices)
+        return np.asarray(-np.linalg.solve(
+            corner, self.price + self.group[:, price].sum(0) - border[:, :-1].T @ answer[:, -1]))
+
+
+class EdgeTerms:
+    """
+    The terms of the dual function at the edges and at both ends, with derivatives.
+
+    :param x: potentials, (G + 1, U, P).
+    :param tau: temperature in nats.
+    :ivar value: the sum of the terms.
+    :ivar gradient: by potentials, (G + 1, U, P).
+    :ivar hessian: (G + 1, U, P, U, P).
+    """
+
+    def __init__(self, x: Array, tau: float) -> None:
+        self._x, self._tau, self.value = x, tau, 0.0
+        count, u, p = x.shape
+        self.gradient, self.hessian = np.zeros((count, u, p)), np.zeros((count, u, p, u, p))
+
+    def add_linear(self, edge: int, uav: int, part: slice, slope: Array) -> None:
+        """Add slope . x of a part of a UAV's potential at one edge."""
+        self.value += float(slope @ self._x[edge, uav, part])
+        self.gradient[edge, uav, part] += slope
+
+    def add_lengths(self, uav: int, parts: list[slice], factor: Array, step: float) -> None:
+        """Add factor |x|, smoothed, of the sum x of two-dimensional parts, at every edge."""
+        vector = np.sum([self._x[:, uav, part] for part in parts], 0)
+        delta = self._tau / step
+        norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
+        share = factor / norm
+        second = share[:, None, None] * (
+            np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
+        for part in parts:
+            self.gradient[:, uav, part] += share[:, None] * vector
+            for column in parts:
+                self.hessian[:, uav, part, uav, column] += second
+        self.value += float(factor @ norm)
+
+    def add_eigenvalues(self, uav: int, part: slice, factor: Array) -> None:
+        """Add factor times the positive part of the largest eigenvalue of S, at every edge."""
+        largest, slope, second = _smooth_largest_eigenvalue(self._x[:, uav, part])
+        self.value += float(factor @ largest)
+        self.gradient[:, uav, part] += factor[:, None] * slope
+        self.hessian[:, uav, part, uav, part] += factor[:, None, None] * second
+
+    def flatten(self) -> tuple[Array, Array]:
+        """Return the gradient (G + 1, U P) and the Hessian (G + 1, U P, U P)."""
+        count, u, p = self._x.shape
+        return self.gradient.reshape(count, -1), self.hessian.reshape(count, u * p, u * p)
 
 
 class Dual:
@@ -160,8 +236,8 @@ class Dual:
         value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
         value -= float(((bar * np.log(v).sum(-1) + SLACK_BARRIER * np.log(slack))
                         * self.count).sum())
-        edge, edges = self._edges(point)
-        value += edge
+        edges = self._edges(point)
+        value += edges.value
         if not second:
             return value, None
         group[:, layout.v] += self.count[:, None] * (-bar / v + (SLACK_BARRIER / slack)[:, None])
@@ -169,63 +245,57 @@ class Dual:
             (bar / v**2)[:, :, None] * np.eye(v.shape[1])
             + (SLACK_BARRIER / slack**2)[:, None, None])
         return value, ArrowSystem(
-            point.layout, layout, group, groups, *edges,
+            point.layout, layout, group, groups, *edges.flatten(),
             slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
             self.count / self.tau)
 
-    def _edges(self, point: DualPoint) -> tuple[float, tuple[Array, Array]]:
-        """Return value, gradient and Hessian of the terms at the edges and the ends."""
-        x, layout, value = point.potentials, point.layout, 0.0
-        count, u, p = x.shape
-        grad, hess = np.zeros((count, u, p)), np.zeros((count, u, p, u, p))
-        at_start, at_goal = np.eye(count)[0], np.eye(count)[-1]
-
-        def add_lengths(i: int, parts: list[slice], factor: Array) -> float:
-            """Add factor |x|, smoothed, x (count, 2) the sum of parts of a potential."""
-            vector = np.sum([x[:, i, part] for part in parts], 0)
-            delta = self.tau / self.team.regions[i].step
-            norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
-            share = factor / norm
-            second = share[:, None, None] * (
-                np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
-            for part in parts:
-                grad[:, i, part] += share[:, None] * vector
-                for column in parts:
-                    hess[:, i, part, i, column] += second
-            return float(factor @ norm)
-
+    def _edges(self, point: DualPoint) -> EdgeTerms:
+        """Return the terms at the edges and the ends."""
+        layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
+        at_start, at_goal = np.eye(len(self.edge))[0], np.eye(len(self.edge))[-1]
         for i, region in enumerate(self.team.regions):
             # The slope of the first move: u_0, and w_1 where accelerations are limited.
-            limits, moves = region.end_move_changes, region.end_moves
-            shorter = layout.accelerates and limits[0] < region.step
+            limits, moves, step = region.end_move_changes, region.end_moves, region.step
+            shorter = layout.accelerates and limits[0] < step
             first = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
-            value += add_lengths(i, first, (limits[0] if shorter else region.step) * at_start)
+            terms.add_lengths(i, first, (limits[0] if shorter else step) * at_start, step)
             if layout.accelerates:
                 for part in first if shorter else ():
-                    value += float(x[0, i, part] @ moves[0])
-                    grad[0, i, part] += moves[0]
-                w = layout.acceleration
-                value -= float(x[-1, i, w] @ moves[1])
-                grad[-1, i, w] -= moves[1]
+                    terms.add_linear(0, i, part, moves[0])
+                terms.add_linear(-1, i, layout.acceleration, -moves[1])
                 last = max(limits[1] - region.max_move_change, 0.0) * at_goal
-                value += add_lengths(i, [w], region.max_move_change * self.edge + last)
+                terms.add_lengths(i, [layout.acceleration],
+                                  region.max_move_change * self.edge + last, step)
             d, place = region.distance, slice(0, layout.acceleration.start)
-            goal = np.array([d, 0.0, d * d / 2, 0.0, 0.0])[place]
-            value -= float(goal @ x[-1, i, place])
-            grad[-1, i, place] -= goal
+            terms.add_linear(-1, i, place, -np.array([d, 0.0, d * d / 2, 0.0, 0.0])[place])
             if layout.quadratic:
-                s = layout.curvature
-                largest, slope, second = _smooth_largest_eigenvalue(x[:, i, s])
-                factor = np.append(region.step, region.steps)**2 / 2 * self.edge
-                value += float(factor @ largest)
-                grad[:, i, s] += factor[:, None] * slope
-                hess[:, i, s, i, s] += factor[:, None, None] * second
-        return value, (grad.reshape(count, -1), hess.reshape(count, u * p, u * p))
+                terms.add_eigenvalues(
+                    i, layout.curvature, np.append(step, region.steps)**2 / 2 * self.edge)
+        return terms
 
     def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
-        """Return value, gradient and Hessian of the groups' smoothed maxima."""
+        """Return value, gradient and Hessian of the groups' smoothed maxima of two branches."""
+        values, grads, hessians = self._branches(point, second)
+        top = values.max(0)
+        mix = np.exp((values - top) / self.tau)
+        total = mix.sum(0)
+        mix /= total
+        best = float(self.count @ (top + self.tau * np.log(total)))
+        if not second:
+            return best, values, values
+        group = (mix[..., None] * grads).sum(0)
+        groups = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
+                     for share, grad, hessian in zip(mix, grads, hessians))
+        groups = groups - group[:, :, None] * group[:, None] / self.tau
+        return best, group * self.count[:, None], groups * self.count[:, None, None]
+
+    def _branches(self, point: DualPoint, second: bool) -> tuple[Array, Array, Array]:
+        """
+        Return values (2, G), gradients (2, G, F) and Hessians (2, G, F, F) of both branches.
+
+        The first is the one of w0, the second silence. Derivatives are empty unless `second`.
+        """
         (g, e), layout, size = point.v.shape, point.group_layout, point.group_layout.prices.stop
-        # Of the two branches: w0, and silence.
         values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)
                                    for shape in ((), (size,), (size, size)))
         values[0], *derivatives = self._powers(point.v, point.prices[0], layout, second)
@@ -246,18 +316,7 @@ class Dual:
             if second:
                 grads[branch][:, index] += grad
                 hessians[branch][:, index[:, None], index] += hessian
-        top = values.max(0)
-        mix = np.exp((values - top) / self.tau)
-        total = mix.sum(0)
-        mix /= total
-        best = float(self.count @ (top + self.tau * np.log(total)))
-        if not second:
-            return best, values, values
-        group = (mix[..., None] * grads).sum(0)
-        groups = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
-                     for share, grad, hessian in zip(mix, grads, hessians))
-        groups = groups - group[:, :, None] * group[:, None] / self.tau
-        return best, group * self.count[:, None], groups * self.count[:, None, None]
+        return values, grads, hessians
 
     def _powers(self, v: Array, price: float, layout: GroupLayout,
                 second: bool) -> tuple[Array, Array, Array]:

@@ -25,8 +25,9 @@ public:
           columns_(count_entries(args, "ground") / std::max<std::size_t>(groups_, 1)),
           eavesdroppers_(count_entries(args, "v") / std::max<std::size_t>(groups_, 1)),
           width_(count_entries(args, "potentials") / (groups_ + 1)),
-          base_(args["acceleration"].cast<std::size_t>()), quadratic_(base_ == 5),
-          acceleration_(width_ == base_ + 2), tau_(args["tau"].cast<double>()),
+          quadratic_(args["quadratic"].cast<bool>()),
+          acceleration_(args["accelerates"].cast<bool>()), base_(quadratic_ ? 5 : 2),
+          tau_(args["tau"].cast<double>()),
           price_(args["price"].cast<double>()), place_(args, "place", 2 * groups_ * columns_),
           power_(args, "power", groups_ * columns_), ground_(args, "ground", groups_ * columns_),
           leaks_(args, "leaks", groups_ * columns_ * eavesdroppers_),
@@ -35,8 +36,7 @@ public:
           mean_(args, "mean", 2 * groups_), weights_(args, "weights", groups_),
           v_(args, "v", groups_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
-        kernel::expect((base_ == 2 || quadratic_) && (width_ == base_ || acceleration_),
-                       "potentials");
+        kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
     }
 
     // Evaluate all columns, and call `visit` for every group with the index of its best column.
@@ -214,8 +214,8 @@ private:
     }
 
     std::size_t groups_, columns_, eavesdroppers_, width_;
-    std::size_t base_;  // Numbers of u and S, before those of w.
-    bool quadratic_, acceleration_;
+    bool quadratic_, acceleration_;  // Whether potentials have S and w.
+    std::size_t base_;               // Count of u and S, which precede w.
     double tau_, price_;
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
         weights_, v_;
