@@ -372,9 +372,9 @@ def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_pow
     """The relay is disabled for 3 s, and later killed and started again."""
     names, options = ('uav1', 'uav2'), {'stack': 'mavros', 'uav1__max_speed': 10.0}
     powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
-    with node_process('planner', duration=240.0, slots=120, replan_deviation=8.0, replan_lead=3.0,
+    with node_process('planner', duration=300.0, slots=150, replan_deviation=8.0, replan_lead=3.0,
                       uav1__max_acceleration=2.5, uav2__max_acceleration=2.5,
-                      uav2__altitude=100.0), \
+                      uav2__altitude=100.0) as planner, \
             node_process('replay', vehicle_odometry=True) as replay:
         with node_process('relay', **options) as relay:
             for name in names:
@@ -405,9 +405,12 @@ def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_pow
             until_held_and_back()
             replay.lines.clear()
             relay.kill()
+            for node in (replay, planner):  # About a second later.
+                wait_for_line(node, 'the relay of uav1, /relay, has not reported for ')
             wait_for(lambda: 'the relay of uav1, /relay, has not reported for ' in (
                 client.statuses[-1].message), what='the name of the relay that died')
         with node_process('relay', **options):
+            client.send_paper()  # Its poses ended with the relay.
             until_held_and_back()
 
 

@@ -205,7 +205,7 @@ class Player:
         A flight that has ended holds nothing: a new plan begins elsewhere if the UAVs are there.
 
         :param positions: as for unmet_conditions.
-        :param tolerance: likewise.
+        :param tolerance: largest distance in m of a UAV that is at its start.
         :raises OptionError: if there is no plan, or it has ended.
         """
         if self.playback is None:

@@ -276,6 +276,10 @@ class Planner(Node):
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.forget_replan()
+        for problem in self._tracking.relays.find_newly_lost():
+            if flight is not None and flight.is_under_way:
+                self.get_logger().warning(problem)
+                self._publish_status()
         if self._solver.is_solving or self._state.plan is None or self._closed:
             return
         try:

@@ -83,6 +83,7 @@ class RelayReports:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._last: dict[str, tuple[RelayState, float]] = {}  # State and its arrival [s] by UAV.
+        self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
         """Keep a report that has come on `<uav>/relay`; return True if it tells another state."""
@@ -113,3 +114,9 @@ class RelayReports:
                 is_under_way or state.holds_back and state.name != 'disabled'):
             return ''
         return f'the relay of {uav}, {state.relay}, {state.text}'
+
+    def find_newly_lost(self) -> list[str]:
+        """Return in words which relays have ceased to report since the last call."""
+        lost = {uav for uav in self._last if (state := self.state(uav)) and state.name == 'lost'}
+        new, self._lost = lost - self._lost, lost
+        return [self.problem(uav, is_under_way=True) for uav in sorted(new)]

@@ -233,6 +233,9 @@ class Replay(Node):
     def _is_silent(self, now_ns: int) -> bool:
         """Return True where no power may be sent, and log when that is for other UAVs."""
         player, lost = self._player, dict[str, str]()
+        for problem in self._vehicles.relays.find_newly_lost():
+            if player.streaming:
+                self.get_logger().warning(problem)
         if player.streaming and player.flight.is_under_way:
             lost = self._vehicles.find_lost(
                 player.flight, self._ticked_ns, self._frame_id, self._settings['track_tolerance'],

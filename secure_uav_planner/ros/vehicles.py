@@ -15,14 +15,14 @@ _FRESH_S = 1.0  # Largest age of the odometry that says where a vehicle is now.
 
 class Vehicles:
     """
-    The last odometry of each vehicle; times are those of the node's clock in ns.
+    The last odometry of each vehicle, with times of the node's clock in ns.
 
     :ivar relays: what becomes of the setpoints of each UAV, where a relay reports it.
     """
 
     def __init__(self) -> None:
         self.relays = RelayReports()
-        self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival, by UAV.
+        self._odometry: dict[str, tuple[int, Odometry]] = {}  # Arrival and odometry by UAV.
         self._distances: dict[str, tuple[Odometry, float]] = {}  # Last odometry and its distance.
 
     def take(self, topic: str, message: Odometry, now_ns: int) -> None:
@@ -52,8 +52,8 @@ class Vehicles:
         Return the UAVs that are not on their plan, each with the reason in words.
 
         A UAV is off its plan beyond the tolerance in m, or beyond the tracking_margin if that is
-        larger. A UAV without odometry is not known to be on its plan unless its relay passes
-        setpoints on; without a relay it counts as on its plan.
+        larger. A UAV without odometry counts as on its plan, unless a relay reports and does not
+        pass its setpoints on.
 
         :param flight: as of a time flight_ns.
         """
