@@ -4,12 +4,16 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 import numpy as np
-from secure_uav_planner import Channel, Eavesdropper, Scenario, Uav
+from secure_uav_planner import (
+    Channel, Eavesdropper, GroundNode, NoFlyZone, Origin, Scenario, Uav)
+from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.model.cone_program import minimise_utilisation
 
 COORDINATE = st.floats(-500, 500)
 PLACE = st.tuples(COORDINATE, COORDINATE)
 SEEDS = st.integers(0, 2**32 - 1)
+NAMES = ('base', 'north farm', 'Tower-1', 'Z\u00fcrich', 'tower a', 'tower_a', '7 Elms', 'x' * 90)
+"""Names of all kinds, of which some cannot be parts of topics."""
 
 
 @st.composite
@@ -61,6 +65,57 @@ def missions(draw, **options):
     return replace(scenario, channel=channel, colluding=rng.random() < 0.5,
                    # As strong at 100 m as in free space.
                    reference_snr_db=scenario.reference_snr_db + 20 * (channel.exponent - 2))
+
+
+@st.composite
+def whole_missions(draw):
+    """Return missions of up to 20 slots in which any features meet, as far as they fit."""
+    scenario = draw(missions(max_slots=20))
+    rng = np.random.default_rng(draw(SEEDS))
+
+    def is_drawn(chance):
+        return rng.random() < chance
+
+    def place(half=400.0):
+        return tuple(rng.uniform(-half, half, 2).tolist())
+
+    def track(*radii):
+        times = np.cumsum(rng.uniform(0.1, 0.6, rng.integers(2, 5))) * scenario.duration
+        start, velocity = np.array(place()), rng.uniform(-8, 8, 2)
+        return tuple((time, *(start + time * velocity).tolist(), *radii)
+                     for time in (times - rng.random() * scenario.duration).tolist())
+
+    nodes = tuple(GroundNode(
+        *([None] if moves else [place()]), name=str(rng.choice(NAMES[:4])) + str(number)
+        if is_drawn(0.7) else 'ground_node', weight=float(rng.choice([1.0, 2.0, 0.3, 1e3])),
+        trusted=is_drawn(0.7), track=track() if moves else None)
+        for number, moves in enumerate(rng.random(rng.choice([1, 1, 1, 2, 3, 5])) < 0.15))
+    eavesdroppers = tuple(
+        replace(eve, position=None, error_radius=None, track=track(float(rng.choice([0, 20]))))
+        if is_drawn(0.15) else eve for eve in scenario.eavesdroppers)
+    names = rng.permutation(NAMES).tolist()
+    hovering = 168.5 * scenario.duration  # J
+    uavs = tuple(replace(uav, name=name, max_energy=hovering * float(rng.uniform(0.7, 1.5))
+                         if uav.max_acceleration and is_drawn(0.7) else None)
+                 for name, uav in zip(names, scenario.uavs))
+    zones = tuple(NoFlyZone(
+        [np.add(corner, centre).tolist() for corner in ((-40, -30), (50, -30), (0, 60))],
+        floor=float(rng.choice([0.0, 90.0])), ceiling=float(rng.choice([np.inf, 110.0])),
+        name=str(rng.choice(['', *NAMES]))) for centre in map(place, range(rng.integers(1, 5))))
+    for chance, fields in (
+            (0.8, {'ground_nodes': nodes}),
+            (0.5, {'head_starts': rng.uniform(0, 30, len(nodes)).tolist()}),
+            (0.7, {'eavesdroppers': eavesdroppers}), (0.5, {'uavs': uavs}),
+            (0.3, {'no_fly_zones': zones}),
+            (0.2, {'geofence': ((-900, -900), (900, -900), (900, 900), (-900, 900))}),
+            (0.3, {'separation': 5.0}), (0.2, {'tracking_margin': 2.0}),
+            (0.5, {'origin': Origin(47.4, 8.5, str(rng.choice(['px4', 'ardupilot'])))})):
+        if is_drawn(chance):
+            try:
+                scenario = replace(scenario, **fields)
+            except ScenarioError:  # It does not fit what is there.
+                continue
+    return scenario
 
 
 @st.composite
