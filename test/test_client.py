@@ -10,7 +10,8 @@ import time
 from processes import environment, ROOT
 import pytest
 from ros_client import node_here, node_process, wait_for, wait_for_line
-from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner import fly_hover_fly, GroundNode, Plan, Scenario
+from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
 from secure_uav_planner.ros.topics import LATCHED, REQUESTS
@@ -61,6 +62,12 @@ def test_a_planner_of_other_uavs_is_named_at_once():
         with pytest.raises(ClientError, match='has the UAVs uav1, uav2, and the planner has '
                                               'drone1, drone2; give both the same mission'):
             planner.plan()
+
+
+def test_names_that_the_nodes_refuse_are_refused_by_the_client():
+    scenario = replace(Scenario.paper(), ground_nodes=(GroundNode((0.0, 0.0), 'north farm'),))
+    with pytest.raises(ParameterError, match="ground_nodes is .'north farm'.; it must be a list"):
+        SecurePlanner(scenario)
 
 
 def test_each_of_many_requests_at_once_gets_an_answer():

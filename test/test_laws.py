@@ -127,8 +127,8 @@ def check_parameters(scenario):
     assert settings.origin_from(values) == scenario.origin
     fields = settings.airspace_from(values)
     assert fields['geofence'] == scenario.geofence
-    for zone, given in zip(fields['no_fly_zones'], scenario.no_fly_zones, strict=True):
-        assert replace(zone, name='') == replace(given, name='')
+    for zone, original in zip(fields['no_fly_zones'], scenario.no_fly_zones, strict=True):
+        assert replace(zone, name='') == replace(original, name='')
     for field, value in parameters.read_fields('planner', Scenario, values).items():
         assert value == getattr(scenario, field), field
     for name, node in zip(values['ground_nodes'], scenario.ground_nodes, strict=True):
@@ -195,7 +195,8 @@ NOTES = 'note: ', 'warning: ', 'no fly-hover-fly with ', 'written: ', 'sweep: '
 def run(capsys, *arguments):
     """Run the command; return whether it ends with 0, or else assert that it says why in a line."""
     status = main([*map(str, arguments)])
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(NOTES)]
+    lines = capsys.readouterr().err.splitlines()
+    lines = [line for line in lines if not line.startswith(NOTES)]
     assert status in (0, 1, 2) and len(lines) == bool(status), (arguments, status, lines)
     return status == 0
 

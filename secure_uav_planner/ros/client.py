@@ -32,6 +32,7 @@ from std_srvs.srv import Trigger
 
 from . import messages
 from .local import free_domain, isolated, node_process
+from .parameters import PLANNER
 from .topics import LATCHED, member_topics, STREAM
 from ..errors import brief, describe_error, PlanningError, quote
 from ..mission.scenario import Point, Scenario
@@ -64,6 +65,7 @@ class SecurePlanner:
         and the positions of the receivers for send_poses.
     :param namespace: of the nodes.
     :param on_status: called with each status of the planner, in the client's thread.
+    :raises ParameterError: for names in the scenario that the nodes refuse.
     :ivar status: the values of the last status, by key.
     :ivar last_plan: the last Plan of the planner, or None.
     :ivar plan_time: the last report of the replay on its plan and the time in it, or None.
@@ -78,6 +80,10 @@ class SecurePlanner:
         self.plan_time: TimeReference | None = None
         self._receivers = (
             *self.scenario.ground_node_names, *self.scenario.eavesdropper_names)
+        for kind, names in (('uavs', self.names), (
+                'ground_nodes', self.scenario.ground_node_names), (
+                    'eavesdroppers', self.scenario.eavesdropper_names)):
+            PLANNER[kind].convert(kind, [*names])
         self._namespace, self._on_status = namespace, on_status
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
