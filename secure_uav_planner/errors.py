@@ -1,8 +1,8 @@
 """
 The tree of errors: a class for each kind of outcome, each with a one-word code.
 
-Each class is also a ValueError, where the caller can correct an argument, or a RuntimeError.
-Programming errors are not among them, so that nobody catches those by mistake.
+Each class below the root is also a ValueError, if the caller can correct an argument, or a
+RuntimeError. Programming errors are not in the tree, so that nobody catches them by mistake.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ import reprlib
 from typing import Any, ClassVar, TypeAlias
 
 FieldPath: TypeAlias = tuple[str | int, ...]
-"""Path of a value: names of fields, and indices in lists."""
+"""Path of a value in a mission, such as ('uavs', 1, 'max_speed')."""
 
 
 def format_path(path: FieldPath) -> str:
@@ -48,11 +48,13 @@ class PlanningError(Exception):
 
 def prefix_error(error: PlanningError, *path: str | int, owner: str = '') -> None:
     """
-    Prefix the path of an error and of its further ones, which are of a part of a value.
+    Put a path in front of the place of an error, and of each of its further errors.
 
-    A text that begins with a blank, a bracket or a dot follows the name of the value, and gets it.
+    A text without a subject gets the field's name in front. Such a text begins with a blank, a
+    bracket or a dot.
 
-    :param owner: prefix of the texts, and of the name.
+    :param path: path of the value whose part has the errors.
+    :param owner: prefix of each text, in front of the field's name.
     """
     for item in (error, *getattr(error, 'further', ())):
         name = format_path(path) if str(item).startswith((' ', '[', '.')) else ''
@@ -62,7 +64,7 @@ def prefix_error(error: PlanningError, *path: str | int, owner: str = '') -> Non
 
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Prefix the path of an error that leaves the with statement; see prefix_error."""
+    """Prefix an error that leaves the with statement, as prefix_error does."""
     try:
         yield
     except PlanningError as error:
@@ -72,9 +74,9 @@ def prefix_path(*path: str | int) -> Iterator[None]:
 
 class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
     """
-    A field of a scenario has a wrong value; the text says which and what is allowed.
+    A field of a scenario has a wrong value; the text names field, value and what is allowed.
 
-    :ivar further: the further errors of the same object or scenario.
+    :ivar further: the other errors of the same object or scenario.
     """
 
     further: tuple['ScenarioError', ...] = ()
@@ -82,18 +84,18 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
 
 class InfeasibleMissionError(ScenarioError, code='infeasible'):
     """
-    No flight keeps the limits; the text names the limits, and a duration with which flights do.
+    No flight keeps the limits; the text names the limits and a duration that suffices.
 
-    It names none where the search for it ended with the time limit, or where there is none.
+    The text names no duration if the search for one reached the time limit, or if none suffices.
     """
 
 
 class MissionFileError(ScenarioError, code='invalid_mission_file'):
     """
-    A file does not hold a mission; the text has the file, line and text of its first problem.
+    A mission, campaign or airspace file is wrong; the text has its path and first problem.
 
-    :ivar problems: all errors of the file, each with its line (or None) and a text. Whether the
-        fields fit each other, and flights the duration, is asked when all are right.
+    :ivar problems: all errors of the file, each (line, text); None for an unknown line. Fields
+        are checked against each other only if every field is right by itself.
     """
 
     problems: tuple[tuple[int | None, str], ...] = ()
@@ -152,7 +154,7 @@ class LateError(PlanningError, RuntimeError, code='late'):
 
 
 class SupersededError(PlanningError, RuntimeError, code='superseded'):
-    """A new plan continues one that another plan has replaced in the meantime."""
+    """A new plan continues a plan that was replaced in the meantime."""
 
 
 class NumericalError(PlanningError, RuntimeError, code='numerical_trouble'):
@@ -166,7 +168,8 @@ class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
 _EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
            'dash': 'explore', 'distributed': 'campaign', 'joblib': 'campaign',
            'pymavlink': 'logs', 'pyulog': 'logs', 'rosbags': 'logs'}
-_REQUIRED = {'clarabel', 'cvxpy'}  # For these, rosdep has no key that keeps the system's NumPy.
+# Required packages that may be missing: rosdep has no key for them that keeps the system's NumPy.
+_REQUIRED = {'clarabel', 'cvxpy'}
 
 
 @contextmanager
@@ -200,7 +203,7 @@ _NOUNS = {'Scenario': 'mission', 'Uav': 'UAV', 'NoFlyZone': 'no-fly zone',
 
 
 def describe_class(kind: type[Any]) -> str:
-    """Return the name of a class in Python or, in yaml_notation, in a mission file."""
+    """Return a class's Python name or, inside yaml_notation, its noun, such as 'UAV'."""
     name = kind.__name__
     return _NOUNS.get(name, name.lower()) if _yaml_notation.get() else name
 
@@ -221,7 +224,7 @@ class _Quote(reprlib.Repr):
             return json.dumps(x)
         try:
             return super().repr1(x, level).replace('\n', ' ')
-        except ValueError:  # an integer of more digits than Python converts
+        except ValueError:  # An integer may have more digits than Python converts.
             return f'<{type(x).__name__} of {x.bit_length()} bits>'
 
 

@@ -1,4 +1,4 @@
-"""Inconsistencies of a mission whose fields are right, each by itself, and their refusals."""
+"""Checks of a mission's fields against each other, after each was checked by itself."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
@@ -13,18 +13,18 @@ from .validation import round_down
 from ..errors import InfeasibleMissionError, quote, ScenarioError
 
 POSITION_TOLERANCE = 1e-6
-"""Largest violation of a limit by a place in m, for rounding."""
+"""Largest distance in m by which a place may violate a limit, for rounding."""
 
 MAX_COUPLINGS = 10**7
-"""The most pairs of variables of a slot, slots * (3 uavs)^2: a step then takes about 1 s."""
+"""Largest slots * (3 uavs)^2, the pairs of variables in a slot; a step then takes about 1 s."""
 
-_DEFAULT_NAMES = (  # Several may have it.
+_DEFAULT_NAMES = (  # Names that several members may share.
     ('eavesdroppers', Eavesdropper.name), ('ground_nodes', GroundNode.name))
 
 
 def check_names(uavs: Sequence[Uav], eavesdroppers: Sequence[Eavesdropper],
                 ground_nodes: Sequence[GroundNode]) -> Iterator[ScenarioError]:
-    """Yield an error for each name that an earlier member of the same kind has."""
+    """Yield an error for each repeated name of a kind; default names may repeat."""
     for field, members in (('uavs', uavs), ('eavesdroppers', eavesdroppers),
                            ('ground_nodes', ground_nodes)):
         names = [member.name for member in members]
@@ -36,7 +36,7 @@ def check_names(uavs: Sequence[Uav], eavesdroppers: Sequence[Eavesdropper],
 
 def check_sizes(uavs: Sequence[Uav], slots: int, ground_nodes: Sequence[GroundNode],
                 head_starts: Sequence[float]) -> Iterator[ScenarioError]:
-    """Yield the errors of the numbers of head_starts and of variables."""
+    """Yield the errors of a wrong number of head_starts, and of too many slots."""
     nodes = len(ground_nodes)
     if len(head_starts) not in (0, nodes if nodes > 1 else 0):
         allowed = (f'a number for each of the {nodes} ground_nodes, or empty' if nodes > 1 else
@@ -50,7 +50,7 @@ def check_sizes(uavs: Sequence[Uav], slots: int, ground_nodes: Sequence[GroundNo
 
 
 def check_accelerations(uavs: Sequence[Uav]) -> Iterator[ScenarioError]:
-    """Yield an error where some UAVs have a limit of acceleration and some have none."""
+    """Yield an error if some UAVs have a limit of acceleration and some have none."""
     limited = [uav.max_acceleration is not None for uav in uavs]
     if any(limited) and not all(limited):
         first, without = limited.index(True), limited.index(False)
@@ -62,15 +62,15 @@ def check_accelerations(uavs: Sequence[Uav]) -> Iterator[ScenarioError]:
 
 def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
                boundaries: Boundaries) -> Iterator[ScenarioError]:
-    """Yield the errors of the ends of flights: zones, fence and separation."""
+    """Yield the errors of starts and goals that violate zones, fence or separation."""
     close, fence = [], None
     try:
         fence = boundaries.keep_in
     except ScenarioError as error:
         yield error
     for field in ('start', 'goal'):
-        # The curve may leave its first and last control point by its bend. The start of the
-        # tail of a plan may itself violate a limit by rounding.
+        # The flown curve passes its first and last control point at up to end_deviation. A plan's
+        # tail may start beyond a limit by one tolerance, from rounding.
         slacks = [2 * POSITION_TOLERANCE + uav.end_deviation(field, slot_duration)
                   for uav in uavs]
         for number, slack in enumerate(slacks):
@@ -92,7 +92,12 @@ def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
 
 def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: Boundaries,
                fence: Vertices | None) -> Iterator[ScenarioError]:
-    """Yield the errors of the start or the goal of a UAV, by its path: zones and fence."""
+    """
+    Yield the errors of a UAV's start or goal inside a zone or outside the fence.
+
+    :param path: path of the start or the goal, such as ('uavs', 0, 'start').
+    :param slack: distance in m by which the place may violate a limit.
+    """
     field = path[-1]
     place = getattr(uav, field)
     for vertices, name in boundaries.keep_out(uav.altitude):
@@ -109,9 +114,10 @@ def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: B
 def check_durations(uavs: Sequence[Uav], duration: float, slots: int
                     ) -> Iterator[ScenarioError]:
     """
-    Yield an error for each UAV that needs more time for the straight line.
+    Yield an error for each UAV that needs more time for a straight flight.
 
-    Where a velocity at an end leads a UAV away from it, optimize.initial asks for all of them.
+    Nothing is checked if an end velocity bends the flight of any UAV: the first flights in
+    optimize.initial then check all UAVs.
     """
     if not all(uav.vehicle.is_straight for uav in uavs):
         return
@@ -129,9 +135,9 @@ def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]
     """
     Return the errors of UAVs that need more time, the slowest first.
 
-    :param duration: the mission's in s.
-    :param slow: each UAV with a duration in s that suffices, NaN for an unknown one, and None if
-        no allowed one does.
+    :param duration: duration of the mission in s.
+    :param slow: (UAV, duration in s that suffices); the duration is NaN if it is not known, and
+        None if no allowed duration suffices.
     """
     order = sorted(slow, key=lambda item: -(math.inf if item[1] is None else item[1]))
     return [refuse_duration(duration, uav, shortest) for uav, shortest in order]
@@ -139,7 +145,7 @@ def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]
 
 def refuse_duration(duration: float, uav: Uav, shortest: float | None, way: str = ''
                     ) -> InfeasibleMissionError:
-    """Return the error of a UAV; its `way` may be such as ' around tower'."""
+    """Return the error of a UAV, as in refuse_slow_uavs; `way` may be ' around tower'."""
     if shortest is None:
         needs = f'none of up to {DURATION.high:g} s takes {uav.name}'
     else:

@@ -1,8 +1,8 @@
 """
 Fields of the dataclasses of a mission, whose metadata say what is allowed.
 
-The metadata of a field have its check and its unit. A check is called with a value; it returns the
-value converted, or raises ScenarioError, whose text follows the name of the field.
+The metadata of a field have a check and a unit. A check is called with a value. It returns the
+converted value, or raises a ScenarioError whose text continues after the name of the field.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,7 +23,7 @@ Point: TypeAlias = tuple[float, float]
 Metadata: TypeAlias = dict[str, Any]
 
 MAX_DISTANCE = 100e3
-"""The largest distance of a place in degrees from the origin in m."""
+"""Largest distance in m from the origin of a place in degrees."""
 
 
 def refuse(value: object, allowed: str) -> ScenarioError:
@@ -36,9 +36,9 @@ class Number:
     """
     The check of a number.
 
-    :param low: the smallest.
-    :param high: the largest; beyond it, squares would lose their accuracy.
-    :param unit: such as 'm/s', or '' for none.
+    :param low: smallest allowed value.
+    :param high: largest allowed value.
+    :param unit: unit of the value, such as 'm/s', or '' for none.
     """
 
     low: float
@@ -76,9 +76,9 @@ class Pair:
     """
     The check of two numbers with the range of a coordinate.
 
-    :param unit: of each.
-    :param noun: of a right value, for messages.
-    :param is_optional: whether None is allowed instead, for messages.
+    :param unit: unit of both numbers.
+    :param noun: noun of an allowed value in messages.
+    :param is_optional: whether messages also offer None, which the check itself does not take.
     """
 
     unit: str = 'm'
@@ -102,8 +102,8 @@ class RefusedPlace(dict[str, Any]):
     """
     A place in degrees that could not be converted.
 
-    :param place: its latitude and longitude.
-    :param reason: why not.
+    :param place: mapping with the latitude and the longitude.
+    :param reason: why the place could not be converted.
     """
 
     def __init__(self, place: Mapping[str, Any], reason: str) -> None:
@@ -112,7 +112,7 @@ class RefusedPlace(dict[str, Any]):
 
 
 def check_degrees(value: object) -> None:
-    """Raise ScenarioError for a place in degrees, which a mission with an origin converts."""
+    """Raise ScenarioError for a place in degrees that was not converted to m before."""
     if isinstance(value, RefusedPlace):
         raise ScenarioError(f' is {quote(dict(value))}: {value.reason}')
     if isinstance(value, Mapping) and {'latitude', 'longitude'} & set(value):
@@ -153,7 +153,7 @@ def _with_article(kind: type[Any]) -> str:
 
 @dataclass(frozen=True)
 class Block(Instance):
-    """The check of an object of a class, also as a mapping of its fields."""
+    """The check of an object of a class, which may be given as a mapping of its fields."""
 
     def __call__(self, value: Any) -> Any:
         return value if isinstance(value, self.kind) else read_object(self.kind, value)
@@ -161,7 +161,7 @@ class Block(Instance):
 
 @dataclass(frozen=True)
 class Members:
-    """The check of a list of objects of a class, also as mappings of their fields."""
+    """The check of a list of objects of a class, which may be mappings of their fields."""
 
     kind: type[Any]
     least: int
@@ -194,7 +194,7 @@ def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any
 
 
 def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[float, ...]:
-    """Return numbers as floats, each of which has a name and a range."""
+    """Return numbers as floats, each checked by the range with its name."""
     numbers = []
     for value, (name, check) in zip(values, ranges.items(), strict=True):
         try:
@@ -213,7 +213,7 @@ def check_argument(name: str, value: Any, check: Callable[[Any], Any]) -> Any:
 
 
 def checked_name(name: object) -> str:
-    """Return a string as checked_text does that is not empty, or raise ScenarioError."""
+    """Return a non-empty string as checked_text does, or raise ScenarioError."""
     if not isinstance(name, str) or not name:
         raise refuse(name, 'text that is not empty')
     return checked_text(name)
@@ -223,7 +223,8 @@ def checked_text(text: object) -> str:
     """
     Return a string that can be written as UTF-8, or raise ScenarioError.
 
-    Pairs of surrogates, by which JSON writes a character in YAML, become that character.
+    A pair of surrogates, by which JSON escapes some characters and which YAML keeps, becomes the
+    escaped character.
     """
     if not isinstance(text, str):
         raise refuse(text, 'text')
@@ -235,7 +236,7 @@ def checked_text(text: object) -> str:
 
 
 def checked_truth(value: Any) -> bool:
-    """Return value, also one of NumPy's, as a bool, or raise ScenarioError."""
+    """Return a bool of Python or NumPy as a bool of Python, or raise ScenarioError."""
     if not isinstance(value, (bool, np.bool_)):
         raise refuse(value, 'true or false')
     return bool(value)
@@ -292,14 +293,15 @@ def raise_all(errors: Iterable[ScenarioError],
 
 
 REQUIRED: Any = object()
-"""The default of a field without one that follows a field with one."""
+"""Marks a required field that stands behind fields with a default."""
 
 
 class FieldChecks(ErrorList):
     """
-    The errors of the fields of an object of a dataclass, whose right values are converted.
+    The errors of the fields of an object; making it replaces right values by converted ones.
 
-    :param name: of the object in messages.
+    :param kind: dataclass whose fields are checked.
+    :param name: name of the object in messages.
     :ivar item: the object, or a namespace of its fields.
     :ivar owner: prefix of the name of a field in messages.
     """
@@ -317,7 +319,7 @@ class FieldChecks(ErrorList):
             if field.name in self._missing or 'check' not in field.metadata or value is None and (
                     field.default is None or NoneType in get_args(field.type)):
                 continue
-            try:  # Much faster than a context manager.
+            try:  # Much faster here than the context manager ErrorList.collecting.
                 object.__setattr__(item, field.name, field.metadata['check'](value))
             except ScenarioError as error:
                 prefix_error(error, field.name, owner=self.owner)
@@ -343,8 +345,8 @@ class Checked:
     """
     A frozen dataclass whose fields are checked and converted as their metadata say.
 
-    :cvar _OWNER: prefix of the names of its fields in messages, unless it has a name.
-    :cvar _ERROR: the class of its errors.
+    :cvar _OWNER: prefix of fields in messages about an object without a name.
+    :cvar _ERROR: class of the error that wrong values raise.
     """
 
     _OWNER: ClassVar[str] = ''
@@ -360,7 +362,7 @@ class Checked:
 
     @staticmethod
     def _expand(values: Mapping[Any, Any], errors: ErrorList) -> Mapping[Any, Any]:
-        """Return values by field for those given by name, of which some may stand for others."""
+        """Return values by field, with short names, such as ground_node, replaced by fields."""
         return values
 
 
@@ -368,7 +370,7 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
     Return an object of a class from a mapping of its fields, or raise all their errors.
 
-    :param name: of the data in messages, if that is not the name of a field.
+    :param name: name of the data in messages; '' for a field, whose name prefix_error adds.
     """
     if not isinstance(data, Mapping):
         raise kind._ERROR(f'{name} is {quote(data)}; it must be {_with_article(kind)} or a '

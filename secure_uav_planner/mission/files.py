@@ -17,16 +17,16 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     """
     Open a file for writing such that a reader sees the old content or the new, never a part.
 
-    A symbolic link is followed: what it points to is replaced. The new file has the permissions
-    of the old one, or those that the umask leaves.
+    A symbolic link is followed: its target is replaced. The new file has the permissions of the
+    old file. Without an old file, the umask decides. An old file is left unchanged after an error,
+    also an error in the body of the with statement.
 
-    :raises OSError: when the file cannot be written, or is a folder or a device. An old file is
-        left unchanged, as it also is when the body of the with statement raises.
+    :raises OSError: when the file cannot be written, or is a folder or a device.
     """
     path = Path(os.path.realpath(checked_path(path)))
     if path.exists() and not path.is_file():
         raise OSError(f'{path} is not a regular file and cannot be replaced')
-    # Of a length that is legal whenever that of the name is: at most 255 bytes.
+    # The name of the part stays below 255 bytes, the limit of file systems.
     part = path.with_name(f'{path.name[:50]}.{uuid.uuid4().hex}.part')
     is_new = not path.exists()
     mode = 0o666 if is_new else path.stat().st_mode & 0o777
@@ -35,7 +35,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
             with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
                       opener=lambda name, flags: os.open(name, flags, mode)) as file:
                 if not is_new:
-                    os.fchmod(file.fileno(), mode)  # Without the umask.
+                    os.fchmod(file.fileno(), mode)  # os.open has applied the umask.
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -48,7 +48,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 @contextmanager
 def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
-    """Name the file in errors of writing it or its part; those of a full disk do not."""
+    """Put a file's path into errors of writing that name nothing (full disk) or its part."""
     try:
         yield
     except OSError as error:

@@ -1,9 +1,9 @@
 """
 Places on Earth: degrees to and from a mission's metres, as each autopilot converts them.
 
-Autopilots do not use WGS84 in their local frames: PX4 has a sphere (`MapProjection`), ArduPilot a
-scale a degree (`Location::get_distance_NE`). A zone is where the autopilot takes it to be only if
-it is converted alike.
+Autopilots do not use WGS84 in their local frames. PX4 projects a sphere (`MapProjection`),
+ArduPilot scales degrees (`Location::get_distance_NE`). A zone in m is where the autopilot has it
+only if both convert degrees in the same way.
 """
 
 from collections.abc import Mapping
@@ -23,13 +23,13 @@ _RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
 
 _DECIMALS = 6
 """
-Of places in m. Those beyond are noise of degrees in doubles, about 1e-9 m, by which a method may
-find another plan, metres away.
+Decimals of places in m. Further decimals are noise of degrees in doubles, about 1e-9 m, and may
+lead a method to another plan, metres away.
 """
 
-_LARGEST_BEND = 0.1  # m, of an edge that is straight in degrees, in the local frame.
+_LARGEST_BEND = 0.1  # Bend [m] in the local frame of an edge that is straight in degrees.
 
-_MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
+_MOST_LEVELS = 6  # Nested levels: mission, eavesdroppers, eavesdropper, track, knot, place.
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class Origin(Checked):
 
     :param latitude: in degrees, from -85 to 85.
     :param longitude: in degrees, from -180 to 180.
-    :param projection: 'px4', azimuthal equidistant on a sphere of 6,371,000 m; or 'ardupilot',
-        equirectangular by the mean latitude on a sphere of 6,378,100 m.
-    :param altitude: of the ground, the height 0 of the mission, in m above sea level; None where
-        it is not stated.
+    :param projection: 'px4', azimuthal equidistant on a sphere of radius 6,371,000 m; or
+        'ardupilot', equirectangular by the mean latitude on a sphere of radius 6,378,100 m.
+    :param altitude: altitude of the ground in m above sea level, which is height 0 in the
+        mission; None if it is not known.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -57,10 +57,10 @@ class Origin(Checked):
         """
         Convert places to the local frame.
 
-        :param latitude: in degrees, from -90 to 90; of a shape that broadcasts with that of
-            longitude, in degrees from -180 to 180.
+        :param latitude: in degrees, from -90 to 90.
+        :param longitude: in degrees, from -180 to 180; its shape broadcasts with the latitude's.
         :return: distances to the east and to the north of the origin in m.
-        :raises OptionError: for other places, or more than 100 km from the origin.
+        :raises OptionError: for degrees out of range, or a place beyond 100 km from the origin.
         """
         latitude = checked_array('latitude', latitude)
         longitude = checked_array('longitude', longitude)
@@ -72,12 +72,12 @@ class Origin(Checked):
         return east, north
 
     def _convert(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
-        """Convert places, whose longitudes may be beyond 180 degrees, to the local frame."""
+        """Convert places to the local frame, unchecked; longitudes may exceed 180 degrees."""
         own, target = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':
             cosine = np.sin(own) * np.sin(target) + np.cos(own) * np.cos(target) * np.cos(turn)
-            # The angle to its sine, 1 where both are 0.
+            # The scale is radius * angle / sin(angle), which is the radius at angle 0.
             scale = _RADIUS['px4'] / np.sinc(np.arccos(np.clip(cosine, -1, 1)) / np.pi)
             north = scale * (np.cos(own) * np.sin(target)
                              - np.sin(own) * np.cos(target) * np.cos(turn))
@@ -91,7 +91,8 @@ class Origin(Checked):
         """
         Convert points of the local frame to places; the inverse of to_local.
 
-        :param east: in m, of a shape that broadcasts with that of north, in m.
+        :param east: in m.
+        :param north: in m; its shape broadcasts with the shape of east.
         :return: latitudes from -90 to 90 and longitudes from -180 to 180 in degrees.
         :raises OptionError: for points more than 100 km from the origin.
         """
@@ -112,7 +113,7 @@ class Origin(Checked):
 
 
 def _check_distance(east: Array, north: Array) -> None:
-    """Raise OptionError for points beyond MAX_DISTANCE, such as of swapped degrees."""
+    """Raise OptionError for points beyond MAX_DISTANCE, as swapped degrees give."""
     distances = np.hypot(east, north)
     if not (distances <= MAX_DISTANCE).all():
         raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin, east and '
@@ -120,7 +121,7 @@ def _check_distance(east: Array, north: Array) -> None:
 
 
 def unwrap(places: ArrayLike, origin: Origin) -> Array:
-    """Return places (K, 2), (latitude, longitude), with longitudes within 180 of the origin's."""
+    """Return places (K, 2) in degrees, each longitude within 180 degrees of the origin's."""
     latitudes, longitudes = np.array(places, float).T
     return np.column_stack([latitudes, longitudes + 360 * np.round(
         (origin.longitude - longitudes) / 360)])
@@ -128,9 +129,9 @@ def unwrap(places: ArrayLike, origin: Origin) -> Array:
 
 def convert_ring(corners: ArrayLike, origin: Origin) -> tuple[tuple[float, float], ...]:
     """
-    Convert a polygon whose edges are straight in degrees, as autopilots take them, to m.
+    Convert a polygon from degrees to m; its edges are straight in degrees, as in autopilots.
 
-    Edges that would bend by more than _LARGEST_BEND get corners between.
+    An edge that bends by more than _LARGEST_BEND in m is divided by further corners.
 
     :param corners: (latitude, longitude) in degrees, (K, 2).
     :return: (x, y) in m of each corner.
@@ -145,9 +146,9 @@ def convert_ring(corners: ArrayLike, origin: Origin) -> tuple[tuple[float, float
 
 def invert_ring(vertices: ArrayLike, origin: Origin) -> Array:
     """
-    Convert a polygon whose edges are straight in m to degrees, such that convert_ring returns it.
+    Convert a polygon from m to degrees, such that convert_ring returns its straight edges.
 
-    Edges get corners between as in convert_ring.
+    An edge that bends by more than _LARGEST_BEND is divided by further corners.
 
     :param vertices: (x, y) in m, (K, 2).
     :return: (latitude, longitude) in degrees, with longitudes within 180 of the origin's, (L, 2).
@@ -168,21 +169,21 @@ def _convert_places(places: Array, origin: Origin) -> Array:
 
 
 def _count_pieces(degrees: Array, metres: Array, origin: Origin) -> NDArray[np.int_]:
-    """Return into how many pieces each edge is divided, by its bend in the middle, (K,)."""
+    """Return the number of pieces of each edge (K,), chosen by the bend at its middle."""
     middles = [(places + np.roll(places, -1, axis=0)) / 2 for places in (degrees, metres)]
     bends = np.linalg.norm(_convert_places(middles[0], origin) - middles[1], axis=1)
     return np.maximum(np.ceil(np.sqrt(bends / _LARGEST_BEND)), 1).astype(int)
 
 
 def _divide(corners: Array, counts: NDArray[np.int_]) -> Array:
-    """Divide the edges of a polygon (K, 2) into pieces of one length each, (L, 2)."""
+    """Return a polygon (K, 2) with each edge divided into `counts` (K,) equal pieces, (L, 2)."""
     edges = np.roll(corners, -1, axis=0) - corners
     return np.concatenate([begin + edge * np.arange(count)[:, None] / count
                            for begin, edge, count in zip(corners, edges, counts)])
 
 
 def _describe_swapped(place: tuple[float, float], origin: Origin) -> str:
-    """Return the end of a message for a place that is near the origin if it is swapped."""
+    """Return a hint for a message if swapped coordinates lie near the origin, '' otherwise."""
     with suppress(OptionError):
         origin.to_local(*place[::-1])
         return '; latitude and longitude are swapped'
@@ -193,8 +194,11 @@ def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> An
     """
     Convert the places in degrees among the plain values of a mission to (x, y) in m.
 
-    They are rounded to 1e-6 m. A place in a knot of a track counts as two numbers. What is no
-    place within 100 km of the origin becomes a RefusedPlace, which the checks of fields refuse.
+    Coordinates are rounded to 1e-6 m. A place in a knot of a track becomes two numbers of the
+    knot. A place beyond 100 km from the origin, or that has wrong numbers, becomes a
+    RefusedPlace, which the checks of fields refuse.
+
+    :param levels: nested levels in which places are still sought.
     """
     if isinstance(value, Mapping) and set(value) == {'latitude', 'longitude'}:
         place = to_number(value['latitude']), to_number(value['longitude'])
@@ -209,6 +213,6 @@ def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> An
         items = [convert_points(item, origin, levels - 1) for item in value]
         if not value or isinstance(value[0], (list, tuple, Mapping)):
             return items
-        return [part for given, item in zip(value, items) for part in (  # Of a knot.
+        return [part for given, item in zip(value, items) for part in (  # A knot is flat.
             item if isinstance(given, Mapping) and isinstance(item, list) else [item])]
     return value

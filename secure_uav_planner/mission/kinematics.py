@@ -3,7 +3,7 @@ Straight flights of a single UAV, and the shortest duration of a flight.
 
 Points q[0..N+1] are the control points of a uniform quadratic B-spline whose slots last `step`
 seconds. The velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N; w[-1] and w[N+1] are
-the velocities at the ends. The acceleration in a slot is (w[n] - w[n-1]) / step. Utilisation means
+the velocities at the ends. The acceleration in a slot is (w[n] - w[n-1]) / step. Utilisation is
 the largest speed or acceleration of a flight as a share of the limit.
 """
 
@@ -22,7 +22,7 @@ UTILISATION_TOLERANCE = 1e-9
 DURATION = Number(1e-6, 1e8, 's')
 """The range of the duration of a mission."""
 
-_MOST_STEPS = 100
+_MOST_STEPS = 100  # Largest number of steps of a search for a duration.
 _MOST_NAMED = 20  # Number of rounded durations that are tried; the last is twice the first.
 
 
@@ -34,8 +34,8 @@ class Vehicle:
     :param displacement: from start to goal, (x, y) in m.
     :param max_speed: V in m/s.
     :param max_acceleration: in m/s^2, infinite for no limit.
-    :param start_velocity: (x, y) in m/s, or None for a free one.
-    :param goal_velocity: (x, y) in m/s, or None for a free one.
+    :param start_velocity: (x, y) in m/s, or None if any is allowed.
+    :param goal_velocity: (x, y) in m/s, or None if any is allowed.
     """
 
     displacement: tuple[float, float]
@@ -46,7 +46,7 @@ class Vehicle:
 
     @property
     def is_straight(self) -> bool:
-        """Whether a straight flight has the least utilisation: no velocity at an end bends it."""
+        """Whether a straight flight has the least utilisation: no end velocity bends it."""
         return math.isinf(self.max_acceleration) or all(
             velocity in (None, (0.0, 0.0))
             for velocity in (self.start_velocity, self.goal_velocity))
@@ -57,7 +57,7 @@ class Vehicle:
         return math.hypot(*self.displacement) / longest
 
     def fly_straight(self, slots: int, step: float) -> Array:
-        """Return a flight whose moves are all the same share of the longest, (N+2, 2) in m."""
+        """Return the straight flight of least utilisation from (0, 0), (N+2, 2) in m."""
         top = self._top_speeds(slots, step)
         share = np.append(0.0, np.cumsum(top)) / top.sum()
         return np.asarray(share[:, None] * np.array(self.displacement))
@@ -78,13 +78,13 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
                            accuracy: float = 1e-9, longest: float = DURATION.high
                            ) -> float | None:
     """
-    Return a duration in s with a utilisation of at most 1, close to the shortest, or None.
+    Return the shortest duration in s with a utilisation of at most 1, or None if none is found.
 
-    The answer is `duration`, or rounded up to six digits; its utilisation has been evaluated. The
-    search is regula falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for
-    computing the root of an equation", 1971).
+    The answer is `duration` if that suffices. Otherwise it is rounded up to six digits, and its
+    utilisation was evaluated after rounding. The search is regula falsi on logarithms (Dowell and
+    Jarratt, "A modified regula falsi method for computing the root of an equation", 1971).
 
-    :param utilisation: returns the least utilisation of a duration in s.
+    :param utilisation: function from a duration in s to the least utilisation of a flight.
     :param duration: smallest allowed duration in s.
     :param accuracy: relative distance between the answer, before rounding, and a duration that is
         too short.
@@ -127,6 +127,6 @@ def _log(utilisation: float) -> float:
 
 
 def clip_norm(x: float, y: float, most: float) -> tuple[float, float]:
-    """Return a vector, shortened to a limit if it is longer."""
+    """Return the vector (x, y), scaled to the length `most` if it is longer."""
     factor = min(1.0, most / max(math.hypot(x, y), 1e-300))
     return x * factor, y * factor

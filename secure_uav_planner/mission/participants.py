@@ -18,14 +18,14 @@ from .validation import Array, checked_array
 from ..errors import OptionError, prefix_path, quote, ScenarioError
 
 MAX_NODES = 16
-"""The most ground nodes."""
+"""Largest number of ground nodes."""
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # Relative excess of an end velocity over max_speed that is accepted.
 _VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
 
 
 def _checked_ceiling(value: Any) -> float:
-    """Return an altitude in m; None stands for an infinite one."""
+    """Return an altitude in m, infinite for None."""
     return Number(0.0, math.inf, 'm')(math.inf if value is None else value)
 
 
@@ -33,7 +33,7 @@ class Receiver(Checked):
     """
     A receiver on the ground, which stands or moves on a track.
 
-    :cvar DECIDED: the fields that a track decides.
+    :cvar DECIDED: names of the fields whose values a track sets.
     """
 
     DECIDED: ClassVar[tuple[str, ...]] = ('position',)
@@ -53,30 +53,30 @@ class Receiver(Checked):
 
     @property
     def knots(self) -> Track:
-        """Knots of the track, or a single one of a receiver that stands."""
+        """Knots of the track; a receiver that stands has a single knot, at time 0."""
         return self.track or ((0.0, *self.position),)
 
     def at(self, times: Array) -> Array:
-        """Return the place at times (K,) in s from point 0, and the radius if it has one, in m."""
+        """Return x, y and a disc's radius [m] at times (K,) [s from point 0], (K, 2 or 3)."""
         return interpolate(self.knots, times)
 
 
 @dataclass(frozen=True)
 class Eavesdropper(Receiver):
     """
-    An eavesdropper and the disc in which it is: Theta of the paper's Section II.
+    An eavesdropper, and the disc that surely contains it: Theta of the paper's Section II.
 
     :param position: centre of the disc, (x, y) in m; left out with a track.
-    :param error_radius: epsilon, the radius in m within which it surely is, 0 by default; left out
-        with a track.
-    :param name: used in messages, topics and pictures.
-    :param receiver_advantage_db: SNR at its receiver relative to that of the ground node's
-        receiver at the same place, in dB: a better antenna or less noise. Guarantees hold for
-        every receiver up to that.
-    :param track: of an eavesdropper that moves, the disc at 2 to 10000 times: (t, x, y, radius)
-        each, t in s from point 0 and the rest in m; linear in between, and held before the first
-        and after the last. Then position and error_radius are those of the track at point 0; other
-        values are an error, so that `replace` of a track needs `position=None, error_radius=None`.
+    :param error_radius: epsilon, radius of the disc in m, 0 by default; left out with a track.
+    :param name: name in messages, topics and pictures.
+    :param receiver_advantage_db: SNR of the eavesdropper's receiver relative to a ground node's
+        receiver at the same place, in dB, by a better antenna or less noise. Guarantees hold for
+        this advantage and every smaller one.
+    :param track: disc of an eavesdropper that moves, at 2 to 10000 times: each (t, x, y, radius),
+        t in s from point 0, the rest in m. The disc is linear between two times, and stands
+        before the first and after the last. A track sets position and error_radius to its disc at
+        point 0. Other values are an error, so that `replace` of a track needs `position=None,
+        error_radius=None`.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -103,15 +103,15 @@ class Eavesdropper(Receiver):
 @dataclass(frozen=True)
 class GroundNode(Receiver):
     """
-    A ground node, for which a share of each slot is transmitted.
+    A ground node, which is served in a share of each slot.
 
     :param position: w_k, (x, y) in m, at altitude zero; left out with a track.
-    :param name: used in messages, topics and pictures.
-    :param weight: of its rate: the least of the rates divided by weights is maximised.
-    :param track: of a node that moves, its place at 2 to 10000 times: (t, x, y) each, as in the
-        track of an Eavesdropper.
-    :param trusted: whether it may hear what is sent to other ground nodes; otherwise their leak
-        counts it as an eavesdropper at its place.
+    :param name: name in messages, topics and pictures.
+    :param weight: divisor of the node's mean rate: solve maximises the least rate over weight.
+    :param track: position of a node that moves, at 2 to 10000 times: each (t, x, y), t in s from
+        point 0, x and y in m. The position is linear between two times, and constant outside.
+    :param trusted: whether the node may hear what is sent to other ground nodes. A node that is
+        not trusted is one more eavesdropper, at its own position, for every other node.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -127,10 +127,10 @@ class GroundNode(Receiver):
 
 def expand_ground_node(values: Mapping[str, Any], errors: ErrorList) -> dict[str, Any]:
     """
-    Return the values of a Scenario's fields with ground_nodes for ground_node and its track.
+    Return a Scenario's values with ground_nodes instead of ground_node and its track.
 
-    :param values: by name, each of them perhaps wrong.
-    :param errors: those of a ground_node are added, and ground_nodes is None then.
+    :param values: values of the fields by name, not checked yet.
+    :param errors: list to which the errors of ground_node are added; ground_nodes is None then.
     """
     values = dict(values)
     nodes, place, track = (
@@ -142,7 +142,12 @@ def expand_ground_node(values: Mapping[str, Any], errors: ErrorList) -> dict[str
 
 
 def _list_nodes(nodes: Any, place: Any, track: Any) -> Any:
-    """Return ground_nodes, which a ground_node makes or, where `replace` has both, moves."""
+    """
+    Return the ground_nodes as given, or a single node with the given place or track.
+
+    `replace` of a place passes the present ground_nodes too: a single one keeps its name, weight
+    and trust.
+    """
     is_listed = nodes is not None and not (isinstance(nodes, tuple) and not nodes)
     is_single = isinstance(nodes, tuple) and [*map(type, nodes)] == [GroundNode]
     if place is None and track is None:
@@ -178,16 +183,16 @@ class Propulsion(Checked):
 
     Source: equation (12) of Y. Zeng, J. Xu, R. Zhang, Energy Minimization for Wireless
     Communication with Rotary-Wing UAV, IEEE Trans. Wireless Commun. 18 (2019), whose numbers are
-    the defaults. As there, the power of accelerating is neglected.
+    the defaults. As in the article, the power of accelerating is neglected.
 
     :param blade_power: P_0, the blade profile power while hovering, in W.
     :param induced_power: P_i, the induced power while hovering, in W.
-    :param tip_speed: U_tip, of the rotor blades, in m/s.
+    :param tip_speed: U_tip, tip speed of the rotor blades, in m/s.
     :param induced_velocity: v_0, mean rotor induced velocity while hovering, in m/s.
-    :param fuselage_drag_ratio: d_0.
+    :param fuselage_drag_ratio: d_0, without a unit.
     :param air_density: rho, in kg/m^3.
-    :param solidity: s, of the rotor.
-    :param disc_area: A, of the rotor, in m^2.
+    :param solidity: s, solidity of the rotor, without a unit.
+    :param disc_area: A, area of the rotor disc, in m^2.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -204,7 +209,7 @@ class Propulsion(Checked):
 
     def power(self, speeds: Any) -> Array:
         """
-        Return P(V), equation (12), in W at speeds V in m/s of any shape.
+        Return the power P(V) of equation (12) [W] at speeds V [m/s], in their shape.
 
         :raises OptionError: for a speed that is not a number of at least 0.
         """
@@ -221,7 +226,7 @@ class Propulsion(Checked):
 
     @property
     def drag(self) -> float:
-        """Power of the fuselage's drag over the cube of the speed, in W / (m/s)^3."""
+        """Power of the fuselage's drag divided by speed^3, in W / (m/s)^3."""
         return 0.5 * self.fuselage_drag_ratio * self.air_density * self.solidity * self.disc_area
 
 
@@ -230,21 +235,22 @@ class Uav(Checked):
     """
     One UAV and its limits, equations (1) and (7).
 
-    :param name: used in messages, topics and files.
+    :param name: name in messages, topics and files.
     :param start: horizontal position at the start, (x, y) in m.
     :param goal: horizontal position at the end, (x, y) in m.
     :param altitude: constant flying height H above the ground node in m.
     :param max_speed: V in m/s.
-    :param average_power: P_ave, the limit of the mean over the slots, in W.
-    :param peak_power: P_peak, the limit in every slot, in W.
-    :param max_acceleration: the largest acceleration along the flown curve in m/s^2, or None for
-        the paper's vehicle, which has no such limit.
-    :param start_velocity: (x, y) in m/s at the start, or None for a free one. Used only with a
-        limit of acceleration.
-    :param goal_velocity: likewise at the goal.
-    :param propulsion: a Propulsion, for the energy of the flight, or None.
-    :param max_energy: largest energy of the flight in J, by the model of its propulsion, which by
-        default is Propulsion(); None for no limit. Only with a limit of acceleration.
+    :param average_power: P_ave, limit of the mean power over the slots, in W.
+    :param peak_power: P_peak, limit of the power in every slot, in W.
+    :param max_acceleration: largest acceleration along the flown curve in m/s^2, or None for the
+        paper's vehicle, which has no such limit.
+    :param start_velocity: velocity at the start, (x, y) in m/s, or None if any is allowed. Used
+        only with max_acceleration.
+    :param goal_velocity: velocity at the goal, (x, y) in m/s, or None if any is allowed. Used
+        only with max_acceleration.
+    :param propulsion: Propulsion from which the energy of the flight is computed, or None.
+    :param max_energy: largest energy of the flight by its propulsion in J; None for no limit. It
+        is allowed only with max_acceleration. It makes Propulsion() the default propulsion.
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
@@ -287,9 +293,13 @@ class Uav(Checked):
 
     def end_deviation(self, end: str, slot_duration: float) -> float:
         """
-        Return the largest distance in m of the flown curve from the point 'start' or 'goal'.
+        Return the largest distance in m of the flown curve from the start or the goal.
 
-        It is 0 for a UAV that rests there, whose curve begins or ends exactly at that point.
+        The distance is 0 for a UAV that rests at this end or has no limit of acceleration: its
+        curve begins or ends exactly at the point.
+
+        :param end: 'start' or 'goal'.
+        :param slot_duration: length of a slot in s.
         """
         if self.max_acceleration is None or getattr(self, f'{end}_velocity') == (0.0, 0.0):
             return 0.0
@@ -303,7 +313,7 @@ class Uav(Checked):
 
     @property
     def vehicle(self) -> Vehicle:
-        """Displacement and limits of the flight."""
+        """Displacement from start to goal, limits and end velocities, as a Vehicle."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
         if self.max_acceleration is None:
             return Vehicle(displacement, self.max_speed)
@@ -316,13 +326,13 @@ class NoFlyZone(Checked):
     """
     A prism that no UAV may enter: a polygon on the map between two altitudes.
 
-    A plan may touch its edge, or that of the zone offset by Scenario.tracking_margin.
+    A plan may touch the edge of the zone, offset by Scenario.tracking_margin.
 
-    :param vertices: of the polygon in either order, each (x, y) in m. It need not be convex, but
-        its outline may not cross or touch itself.
+    :param vertices: corners of the polygon in either order, each (x, y) in m. The polygon need
+        not be convex, but its outline may not cross or touch itself.
     :param floor: lowest forbidden altitude in m.
     :param ceiling: highest forbidden altitude in m; infinite, or None, for all above.
-    :param name: used in messages and pictures; without it the zone is named by its number.
+    :param name: name in messages and pictures; a zone without a name is named by its number.
     :raises ScenarioError: naming the zone, the field, its value and what is allowed.
     """
 
@@ -341,15 +351,15 @@ class NoFlyZone(Checked):
                        f'{quote(item.ceiling)} m')
 
     def is_at(self, altitude: float, margin: float = 0.0) -> bool:
-        """Return True if an altitude in m is from floor to ceiling, within a margin in m."""
+        """Return True if an altitude is from floor - margin to ceiling + margin, all in m."""
         return self.floor - margin <= altitude <= self.ceiling + margin
 
 
 class Boundaries:
     """
-    What the flights of a Scenario keep out of, within and apart, with its tracking_margin.
+    Zones, fence and separation of a Scenario, offset by the tracking_margin: the limits of plans.
 
-    :ivar margin: in m.
+    :ivar margin: the tracking_margin in m.
     """
 
     def __init__(self, scenario: Any) -> None:
@@ -357,13 +367,13 @@ class Boundaries:
         self._kept_out: dict[float, tuple[tuple[Vertices, str], ...]] = {}
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
-        """Return the zones within the margin of an altitude in m, with their names."""
+        """Return (zone, name) of each zone within the margin of an altitude in m."""
         return tuple((zone, name) for zone, name in zip(
             self._scenario.no_fly_zones, self._scenario.zone_names, strict=True)
             if zone.is_at(altitude, self.margin))
 
     def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
-        """Return the polygons, vertices in m and name, that no plan enters at an altitude in m."""
+        """Return (vertices [m], name) of each polygon that no plan enters at an altitude in m."""
         if altitude not in self._kept_out:
             self._kept_out[altitude] = tuple(
                 (offset_polygon(zone.vertices, self.margin)[0], name)
@@ -375,10 +385,10 @@ class Boundaries:
         """
         Polygon that no plan leaves, vertices in m; None without a geofence.
 
-        If the geofence less the margin has several parts, it is the one in which or next to which
-        UAV 0 starts.
+        The margin may divide the geofence into parts. The polygon is then the part that contains
+        the start of UAV 0, or the part nearest to this start if none contains it.
 
-        :raises ScenarioError: if it has none.
+        :raises ScenarioError: if the margin leaves nothing of the geofence.
         """
         if self._scenario.geofence is None:
             return None
@@ -396,5 +406,5 @@ class Boundaries:
 
     @property
     def margin_text(self) -> str:
-        """Suffix of the name of a limit in messages: the margin, if there is one."""
+        """Suffix of a limit's name in messages: the margin, or '' without one."""
         return f' with the tracking_margin of {self.margin:g} m' if self.margin else ''

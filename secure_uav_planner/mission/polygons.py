@@ -15,20 +15,21 @@ from ..errors import quote, ScenarioError
 Vertices: TypeAlias = tuple[Point, ...]
 
 MAX_VERTICES = 256
-"""The most vertices of a polygon."""
+"""Largest number of vertices of a polygon."""
 
-_CLOSING = 1.5e-6  # m, of a last vertex from the first: places in degrees are rounded to 1e-6 m.
-_THINNEST = 1e-9  # Of area to the square of the perimeter; a polygon with less has no area.
+# Distance [m] up to which the last vertex repeats the first: degrees are rounded to 1e-6 m.
+_CLOSING = 1.5e-6
+_THINNEST = 1e-9  # Ratio area / perimeter^2 up to which a polygon has no area.
 _MITRE_LIMIT = 1.5  # Distance in margins at which a sharp corner of an offset is cut off.
-_OFFSET_TOLERANCE = 1e-7  # m
-_ROUNDING = 1e-12  # Of twice the area of a triangle to the square of its polygon's size.
+_OFFSET_TOLERANCE = 1e-7  # Distance [m] by which an offset may miss its margin.
+_ROUNDING = 1e-12  # Ratio 2 * triangle's area / polygon's size^2 that is rounding.
 
 
 def checked_polygon(values: Any) -> Vertices:
     """
     Return the vertices of a simple polygon, in either order, as a tuple of points.
 
-    A last vertex within _CLOSING of the first, as files close their rings, is left out.
+    A last vertex within _CLOSING of the first is left out: files close their rings.
 
     :raises ScenarioError: for too few or too many vertices, a wrong coordinate, an outline that
         crosses or touches itself, and no area.
@@ -63,13 +64,13 @@ def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
     """
     Partition a simple polygon into convex ones, each (K, 2), counter-clockwise.
 
-    There are at most four times as many as necessary (Hertel and Mehlhorn, "Fast triangulation of
-    simple polygons", 1983).
+    The number of parts is at most four times the necessary one (Hertel and Mehlhorn, "Fast
+    triangulation of simple polygons", 1983).
     """
     corners = _orient_corners(vertices)
     parts, diagonals = _cut_ears(corners)
     for first, second in diagonals:
-        # The part on each side of the diagonal, which has it as an edge.
+        # The two parts with the diagonal as an edge, one on each side of the diagonal.
         left = next((part for part in parts if _has_edge(part, first, second)), None)
         right = next((part for part in parts if _has_edge(part, second, first)), None)
         if left is None or right is None:
@@ -91,17 +92,17 @@ def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     """
     Offset a polygon outwards by a margin in m, or inwards by a negative one.
 
-    An outward offset contains all places within the margin, and few more: its corners are mitred,
-    one of 90 degrees is 1.42 margins away from the polygon, and none more than 1.81. Holes that
-    it encloses are filled. An inward offset keeps the margin from the outline; it may be several
-    polygons, or none.
+    An outward offset contains all places within the margin, and few more. Its corners are mitred:
+    a corner of 90 degrees is 1.42 margins away from the polygon, and no corner more than 1.81.
+    Holes that the offset encloses are filled. An inward offset keeps the margin from the outline;
+    it may be several polygons, or none.
     """
     if margin == 0:
         return (vertices,)
     polygon, width = shapely.Polygon(vertices), margin
     while True:
         shape = polygon.buffer(width, join_style='mitre', mitre_limit=_MITRE_LIMIT)
-        # The buffer leaves out small bends, where it may be nearer than the margin.
+        # Shapely's buffer leaves out small bends, and may be nearer than the margin there.
         missing = abs(margin) - shapely.distance(shape.boundary, polygon.boundary)
         if shape.is_empty or missing <= _OFFSET_TOLERANCE:
             break
@@ -110,7 +111,7 @@ def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
 
 
 def _outlines(shape: Any) -> tuple[Vertices, ...]:
-    """Return the outlines of the polygons of a shape, without those of no area."""
+    """Return the outlines of a shape's polygons; polygons without an area are left out."""
     return tuple(
         tuple((x, y) for x, y in part.exterior.coords[:-1]) for part in shapely.get_parts(shape)
         if part.geom_type == 'Polygon' and part.area > _THINNEST * part.length**2)
@@ -134,7 +135,7 @@ def depth(vertices: Vertices, points: ArrayLike) -> Array:
 
 
 def _orient_corners(vertices: Vertices) -> Array:
-    """Return the vertices counter-clockwise, (K, 2), without those on a straight edge."""
+    """Return the vertices counter-clockwise, (K, 2), without vertices on a straight edge."""
     corners = np.array(vertices)
     x, y = (corners - corners[0]).T
     if x @ np.roll(y, -1) < y @ np.roll(x, -1):
@@ -170,7 +171,7 @@ def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
                 triangles.append(ear)
                 diagonals.append((ear[0], ear[2]))
                 break
-        else:  # By rounding there is no ear: cut off a triangle of next to no area.
+        else:  # Rounding hides every ear: cut off the triangle of least area.
             at = int(np.abs(products).argmin())
         del left[at]
     return [*triangles, left], diagonals

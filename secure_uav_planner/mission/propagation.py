@@ -27,7 +27,7 @@ _LOS_NUMBERS = {'a': Number(0.01, 100.0), 'b': Number(0.001, 2.0),
 
 
 def _checked_los(value: Any) -> Any:
-    """Return the field `los`, three numbers as a tuple."""
+    """Return a checked `los`: the name of an environment, or a tuple of three numbers."""
     if isinstance(value, str) and value in ENVIRONMENTS:
         return value
     if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
@@ -43,8 +43,8 @@ class Channel(Checked):
 
     The mean gain is beta_0/sigma^2 / (d^2 + H^2)^(exponent/2) times P + (1 - P) kappa, where P =
     1 / (1 + a exp(-b (theta - a))) is the probability of a line of sight at the elevation theta in
-    degrees, and kappa the extra loss without one. All values allowed give gains that fall with
-    the horizontal distance d, on which every guarantee rests.
+    degrees, and kappa the extra loss without one. With all allowed values, the gain falls with
+    the horizontal distance d; every guarantee rests on this.
 
     :param exponent: alpha, the path loss exponent.
     :param los: None for a line of sight everywhere, the name of an environment, or the three
@@ -54,8 +54,8 @@ class Channel(Checked):
         Ignored with an outage.
     :param rician_k_db: Rician factor of the fading in dB, or None for none; needs an outage.
     :param outage: largest probability with which the secrecy rate of a slot may be lower than the
-        guaranteed one, because of fading or because a link has a line of sight or has none. None
-        without fading, and for the mean gains of lines of sight.
+        guaranteed one, because of fading or because a link has a line of sight or has none. With
+        None there is no fading, and a probability of line of sight enters by the mean gain.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -86,7 +86,7 @@ class Channel(Checked):
 
     @property
     def counts_sights(self) -> bool:
-        """Whether lines of sight are taken at quantiles, for a stated outage."""
+        """Whether an outage is stated, so that quantiles of the lines of sight are used."""
         return self.los is not None and self.outage is not None
 
     @property
@@ -98,7 +98,7 @@ class Channel(Checked):
 
     @property
     def is_guarantee(self) -> bool:
-        """Whether rates are guaranteed; with lines of sight they need a stated outage for it."""
+        """Whether rates are guaranteed: `los` is None, or an outage is stated."""
         return self.los is None or self.counts_sights
 
     def rate_name(self, objective: str) -> str:

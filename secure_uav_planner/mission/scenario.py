@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_MEMBERS = 32
-"""The most UAVs, and the most eavesdroppers."""
+"""Largest number of UAVs, and of eavesdroppers."""
 
 MAX_ZONES = 64
-"""The most no-fly zones."""
+"""Largest number of no-fly zones."""
 
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'GroundNode', 'MAX_COUPLINGS', 'MAX_MEMBERS',
            'MAX_NODES', 'MAX_ZONES', 'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav',
@@ -47,7 +47,7 @@ def _checked_head_starts(values: Any) -> tuple[float, ...]:
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
-    """Make a property of Scenario: a field of all its members of a kind, infinite for None."""
+    """Return a property of Scenario: one field of all members, such as UAVs; None is infinite."""
     def values(scenario: Any) -> Array:
         fields = [getattr(member, field) for member in getattr(scenario, members)]
         return read_only([math.inf if value is None else value for value in fields])
@@ -61,38 +61,39 @@ class Scenario(Stored):
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
-    UAV 0 transmits to the ground nodes, the others jam. Point n of a trajectory is at time
+    UAV 0 transmits to the ground nodes, every other UAV jams. Point n of a trajectory is at time
     n * duration / slots, n = 0..slots+1; power n holds from point n to point n + 1, n = 1..slots.
 
-    :param ground_node: w_0, (x, y) in m at altitude zero, of a single GroundNode with defaults;
-        beside a single one of ground_nodes, where that is now, which `replace` uses.
+    :param ground_node: w_0, position (x, y) in m at altitude zero of a single ground node. Given
+        together with one GroundNode in ground_nodes, it moves this node, as `replace` needs.
     :param eavesdroppers: at least one Eavesdropper.
     :param uavs: at least one Uav; names are unique, and all have a max_acceleration or none.
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
-    :param slots: N.
+    :param slots: N, number of slots.
     :param reference_snr_db: beta_0 / sigma^2, the SNR at 1 m and 1 W, in dB.
     :param separation: smallest three-dimensional distance between any two UAVs at any time in m;
         0 for no limit.
     :param no_fly_zones: up to 64 NoFlyZone.
     :param geofence: vertices of a polygon, each (x, y) in m, that no UAV leaves at any altitude;
         None for no limit.
-    :param tracking_margin: largest error in m of a vehicle on its plan, in any direction. For the
-        plan, zones grow and the geofence shrinks by it, and a separation grows by twice it.
+    :param tracking_margin: largest distance in m of a vehicle from its plan, in any direction. A
+        plan keeps zones that are offset outwards and a geofence that is offset inwards by the
+        margin, and a separation that is larger by twice the margin.
     :param channel: a Channel; by default free space.
-    :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up;
-        otherwise the largest rate of a single one counts.
-    :param ground_node_track: the track of that GroundNode, (t, x, y) at 2 to 10000 times. A
-        ground_node given as well must be its place at point 0.
-    :param ground_nodes: 1 to 16 GroundNode instead of ground_node, between which each slot is
-        shared. A single one is served in all slots, whatever its weight.
-    :param head_starts: what each of several ground nodes was delivered before point 0 beyond its
-        weight times that of the least served, in bit/Hz, which counts in its mean; none by
-        default. cut_tail sets it.
-    :param origin: the Origin, which says where on Earth (0, 0) is; None where nobody asks.
+    :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up.
+        Otherwise the leak is the largest rate of any one eavesdropper.
+    :param ground_node_track: track of a single ground node, (t, x, y) at 2 to 10000 times. A
+        ground_node given as well must be the track's position at point 0.
+    :param ground_nodes: 1 to 16 GroundNode instead of ground_node, which share each slot. A
+        single node is served in all slots, whatever its weight.
+    :param head_starts: delivery in bit/Hz that is added to each of several ground nodes in its
+        mean rate, () for none. cut_tail sets it for nodes that were served more before point 0
+        than the least served node, relative to their weights.
+    :param origin: Origin that says where on Earth (0, 0) is, or None.
     :raises ScenarioError: naming the field, its value and what is allowed.
-    :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
-        the duration, naming the UAV and its shortest duration. Whether a mission can be flown is
-        a question for solve.
+    :raises InfeasibleMissionError: if the straight line from start to goal takes longer than the
+        duration, naming the UAV and its shortest duration. Zones, fence and separation along the
+        way are not checked here but by solve.
     """
 
     eavesdroppers: tuple[Eavesdropper, ...] = field(
@@ -142,7 +143,7 @@ class Scenario(Stored):
         return expand_ground_node(values, errors)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Arrays would come back from a copy or a pickle writable; they are computed again.
+        # Cached arrays are left out: they would be writable in a copy or after a pickle.
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
@@ -153,7 +154,7 @@ class Scenario(Stored):
 
         :param duration: T in s, at least 1000 m * N / (N + 1) / (10 m/s).
         :param error_radius: epsilon in m.
-        :param slots: N; by default slots of one second.
+        :param slots: N; by default the duration in s, rounded, for slots of about one second.
         :raises ScenarioError: as Scenario does.
         """
         start, goal = (100.0, 500.0), (100.0, -500.0)
@@ -169,7 +170,7 @@ class Scenario(Stored):
 
     @property
     def ground_node(self) -> Point:
-        """Place of the first ground node, at point 0 if it moves, (x, y) in m."""
+        """Position of the first ground node at point 0, (x, y) in m."""
         return self.ground_nodes[0].position
 
     @property
@@ -179,7 +180,7 @@ class Scenario(Stored):
 
     @property
     def is_plain_node(self) -> bool:
-        """Whether a single ground node has defaults but for its place or track."""
+        """Whether there is a single ground node, with default name, weight and trust."""
         return self.ground_nodes == (
             GroundNode(self.ground_node, track=self.ground_node_track),)
 
@@ -190,7 +191,7 @@ class Scenario(Stored):
 
     @property
     def times(self) -> Array:
-        """Time of every point from point 0, (N+2,) in s."""
+        """Time of each point 0..N+1, (N+2,) in s from point 0."""
         return np.arange(self.slots + 2.0) * self.slot_duration
 
     @cached_property
@@ -200,7 +201,7 @@ class Scenario(Stored):
 
     @cached_property
     def receiver_advantages(self) -> Array:
-        """SNR of the eavesdroppers' receivers relative to the ground node's, linear, (E,)."""
+        """SNR of each eavesdropper's receiver relative to a ground node's, linear, (E,)."""
         return read_only([10.0 ** (eve.receiver_advantage_db / 10.0)
                           for eve in self.eavesdroppers])
 
@@ -219,7 +220,7 @@ class Scenario(Stored):
 
     @cached_property
     def node_weights(self) -> Array:
-        """Weights of several ground nodes, (G,); 1 for a single one, with which none competes."""
+        """Weights of the ground nodes, (G,); a single node has weight 1, as none competes."""
         weights = [node.weight for node in self.ground_nodes]
         return read_only(weights if len(weights) > 1 else [1.0])
 
@@ -232,12 +233,12 @@ class Scenario(Stored):
 
     @cached_property
     def receivers(self) -> ReceiverPlaces:
-        """Where the receivers are at the points of the N slots; read-only."""
+        """Where the receivers are at the points 1..N, at which slots begin; read-only."""
         return ReceiverPlaces(*map(read_only, self.receivers_at(self.times[1:-1])))
 
     @cached_property
     def landmarks(self) -> Array:
-        """Places of starts, goals and, at the points of the slots, receivers, (K, 2) in m."""
+        """Places of starts, of goals, and of receivers at the points 1..N, (K, 2) in m."""
         receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
         return read_only(np.concatenate([
             self.starts, self.goals, *receivers.ground_nodes, *receivers.centres]))
@@ -255,17 +256,17 @@ class Scenario(Stored):
 
     @cached_property
     def eavesdropper_names(self) -> tuple[str, ...]:
-        """Names of the eavesdroppers, numbered where several have the default one."""
+        """Names of the eavesdroppers; several with the default name are numbered."""
         return make_unique([eve.name for eve in self.eavesdroppers])
 
     @cached_property
     def ground_node_names(self) -> tuple[str, ...]:
-        """Names of the ground nodes, numbered likewise."""
+        """Names of the ground nodes; several with the default name are numbered."""
         return make_unique([node.name for node in self.ground_nodes])
 
     @cached_property
     def listeners(self) -> tuple[int, ...]:
-        """Numbers of the ground nodes that are not trusted, and so leak what others are sent."""
+        """Numbers of the ground nodes that are not trusted; () for a single ground node."""
         return tuple(number for number, node in enumerate(self.ground_nodes)
                      if not node.trusted and len(self.ground_nodes) > 1)
 
@@ -274,48 +275,48 @@ class Scenario(Stored):
         """
         Outage budget of each link and cause; 0 without a stated outage.
 
-        By the union bound, some link is on the wrong side of its quantile with a probability of at
-        most the outage, whatever the dependence between links.
+        By the union bound, the probability that any link is on the wrong side of its quantile is
+        at most the outage, whatever the dependence between links.
         """
         channel = self.channel
         causes = (channel.rician_k_db is not None) + (channel.los is not None)
-        # A link to a node that listens can be on either wrong side.
+        # A link to a node that listens both helps and harms, so it has two budgets.
         links = len(self.uavs) * (
             len(self.ground_nodes) + len(self.eavesdroppers) + len(self.listeners))
         return (channel.outage or 0.0) / (links * max(causes, 1))
 
     @cached_property
     def fading_gains(self) -> tuple[float, float]:
-        """Power gains of fading that count for links that help and for links that harm."""
+        """Quantiles of the fading's power gain, (of links that help, of links that harm)."""
         return fading_quantiles(self.channel.rician_k_db, self.outage_share)
 
     @cached_property
     def node_offsets(self) -> Array:
-        """Parts of the ground nodes' mean rates by their head_starts, (G,) in bit/s/Hz."""
+        """Addition of head_starts to the mean rate of each ground node, (G,) in bit/s/Hz."""
         return read_only(np.array(self.head_starts or np.zeros(len(self.ground_nodes)))
                          / self.duration)
 
     @cached_property
     def zone_names(self) -> tuple[str, ...]:
-        """Names of the no-fly zones, numbered likewise; 'zone 2' for a second without a name."""
+        """Names of the no-fly zones: equal names are numbered, and an empty one is 'zone 2'."""
         return make_unique([zone.name or f'zone {number}'
                            for number, zone in enumerate(self.no_fly_zones, start=1)])
 
     @cached_property
     def boundaries(self) -> Boundaries:
-        """Zones, fence and separation, with the tracking_margin."""
+        """Zones, fence and separation, offset by the tracking_margin, as Boundaries."""
         return Boundaries(self)
 
     @cached_property
     def end_velocities(self) -> Array:
-        """Velocities at the starts and at the goals, (2, U, 2) in m/s, NaN for a free one."""
+        """Velocities at the starts and at the goals, (2, U, 2) in m/s; NaN if any is allowed."""
         free = (math.nan, math.nan)
         return read_only([[uav.start_velocity or free for uav in self.uavs],
                           [uav.goal_velocity or free for uav in self.uavs]])
 
     @property
     def limits_acceleration(self) -> bool:
-        """Whether the UAVs have a limit of acceleration, which all have or none."""
+        """Whether the UAVs have a max_acceleration; either all UAVs have one or none."""
         return self.uavs[0].max_acceleration is not None
 
     @property

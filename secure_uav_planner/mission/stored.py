@@ -13,18 +13,19 @@ from .formats.mission_file import read_mission, write_mission
 from .geography import convert_points, Origin
 from ..errors import describe_class, ScenarioError
 
-Scenario = TypeVar('Scenario', bound='Stored')  # By this name the API's page shows it.
+Scenario = TypeVar('Scenario', bound='Stored')  # The API's page shows the name of the TypeVar.
 
 
 class Stored(Checked):
-    """The Scenario, its only subclass, as plain values and in files."""
+    """Conversion of the Scenario, the only subclass, to plain values and files, and back."""
 
     def to_dict(self) -> dict[str, Any]:
         """
         Return the scenario as plain values of JSON; an infinite ceiling is None.
 
-        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
-        what a track decides; a single ground node with defaults is a ground_node.
+        Fields that version 0.1.0 cannot read are left out if they have their defaults. Positions
+        and radii that a track sets are left out. A single ground node with default name, weight
+        and trust is a ground_node.
         """
         data = asdict(self)  # type: ignore[call-overload]
         for name in ('channel', 'colluding', 'head_starts', 'origin'):
@@ -49,8 +50,8 @@ class Stored(Checked):
         Return the scenario of a mapping that to_dict wrote; missing fields take their defaults.
 
         :raises ScenarioError: for an unknown field, a missing one that has no default, or a
-            wrong value. `further` are the errors of more fields, or, if these are right, all
-            inconsistencies between them.
+            wrong value. `further` has the errors of the other fields. If each field is right by
+            itself, the errors are of fields that do not fit each other.
         """
         name = describe_class(cls)
         if not isinstance(data, Mapping):
@@ -72,7 +73,7 @@ class Stored(Checked):
         """
         Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
 
-        It has the fields of Scenario with their units; those with a default may be missing.
+        The file has the fields of Scenario in their units; a field with a default may be missing.
 
         :raises OSError: when the file cannot be read, is no regular file, or is too large.
         :raises MissionFileError: naming the line and the error; its `problems` are all errors.

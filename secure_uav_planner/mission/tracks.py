@@ -11,15 +11,15 @@ from .validation import Array, is_sequence
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
-"""The most knots of a track."""
+"""Largest number of knots of a track."""
 
 MAX_SPEED = 1000.0
-"""The largest speed of a receiver on its track in m/s."""
+"""Largest speed of a receiver on its track in m/s."""
 
 LEFT_OUT: Any = None
 """Default of a field that the receiver's track decides."""
 
-_TOLERANCE = 1e-6  # m
+_TOLERANCE = 1e-6  # Largest difference [m] of a given position or radius from the track's.
 
 Track = tuple[tuple[float, ...], ...]
 
@@ -74,7 +74,7 @@ def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
 
 
 def interpolate(track: Track, times: Array) -> Array:
-    """Return the place, and the radius if the track has one, at times (K,) in s, (K, 2 or 3)."""
+    """Return x, y and, if the track has one, the radius at times (K,) in s, (K, 2 or 3) in m."""
     knots = np.array(track)
     if len(knots) == 1:
         return np.broadcast_to(knots[0, 1:], (len(times), knots.shape[1] - 1))
@@ -83,13 +83,15 @@ def interpolate(track: Track, times: Array) -> Array:
 
 def join_tracks(before: Track, after: Track, time: float, step: float) -> Track | None:
     """
-    Return the track that follows `before` until a time in s and `after` from a step in s later.
+    Return the track that follows `before` until `time` and `after` from `time + step` on.
 
-    The change begins earlier if it would be faster than MAX_SPEED.
+    The change begins before `time` if it would otherwise be faster than MAX_SPEED.
 
     :param before: a track, or a single knot for a receiver that stands.
     :param after: a track, or a single knot for a receiver that stands.
-    :return: None for a receiver that stands in the same place before and after.
+    :param time: in s.
+    :param step: in s.
+    :return: the track; None for a receiver that stands in the same place before and after.
     """
     if before == after:
         return after if len(after) > 1 else None

@@ -22,8 +22,8 @@ def read_only(values: ArrayLike) -> Array:
 
 
 def to_number(value: Any) -> float:
-    """Return a number as a float, NaN for anything else, such as its text or a truth value."""
-    kind = getattr(getattr(value, 'dtype', None), 'kind', 'f')  # Of NumPy's numbers and arrays.
+    """Return a number as a float; NaN for anything else, such as '3' or True."""
+    kind = getattr(getattr(value, 'dtype', None), 'kind', 'f')  # NumPy's letter for the type.
     if (isinstance(value, bool) or kind not in 'fiu' or getattr(value, 'ndim', 0) != 0
             or not (hasattr(value, '__float__') or hasattr(value, '__index__'))):
         return math.nan
@@ -53,12 +53,12 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
 
 
 def round_up(value: float, digits: int = 6) -> float:
-    """Round a number up to significant digits, so that a lower bound in a message is kept."""
+    """Round a number up to significant digits: as a least value in a message it suffices."""
     return _round(value, digits, ROUND_CEILING)
 
 
 def round_down(value: float, digits: int = 6) -> float:
-    """Round a number down to significant digits, so that an upper bound in a message is kept."""
+    """Round a number down to significant digits: as a most value in a message it is allowed."""
     return _round(value, digits, ROUND_FLOOR)
 
 
@@ -80,7 +80,7 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     """
     Return an argument as an array of floats, or raise OptionError naming it.
 
-    :param shapes: allowed shapes, where None is any number; without any, all are allowed.
+    :param shapes: allowed shapes, with None for any length; without `shapes`, any shape is.
     """
     try:
         array = np.asarray(values, float)

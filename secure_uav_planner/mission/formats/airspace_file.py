@@ -30,9 +30,9 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
     """
     Read no-fly zones and a geofence from a file, converted as the origin's autopilot does.
 
-    :param path: of GeoJSON (.geojson or .json: Polygon and MultiPolygon, as features with name,
-        floor and ceiling in m above the ground, or floor_amsl and ceiling_amsl, in WGS84; or a
-        map that Plan.to_geojson wrote); of a plan of QGroundControl (.plan: its fence); or of KML
+    :param path: file of GeoJSON (.geojson or .json: Polygon and MultiPolygon in WGS84, as features
+        with name, floor and ceiling in m above the ground, or floor_amsl and ceiling_amsl; or a
+        map that Plan.to_geojson wrote), plan of QGroundControl (.plan: the fence), or file of KML
         (.kml: polygons).
     :return: the zones, and the vertices of the geofence in m; None where the file has none.
     :raises OSError: when the file cannot be read, is no regular file, or is too large.
@@ -90,14 +90,15 @@ def _join_areas(areas: list[Area], origin: Origin) -> list[Area]:
     """
     Join the areas of a feature that the meridian of 180 degrees cuts (RFC 7946, 3.1.9).
 
-    Plans may touch the edge of a zone, so that UAVs could fly between two parts of one.
+    Two parts would leave a way between them, since plans may touch the edges of zones. Areas
+    without a corner at 180 degrees, or with unequal heights, are returned as they are.
     """
     if not any(abs(place[1]) == 180 for area in areas for place in area.corners) or any(
             area[1:] != areas[0][1:] for area in areas):
         return areas
     polygons = [shapely.Polygon(unwrap(area.corners, origin)) for area in areas]
     if not all(polygon.is_valid for polygon in polygons):
-        return areas  # Their outlines are refused.
+        return areas  # checked_polygon refuses their outlines.
     joined = shapely.get_parts(shapely.union_all(polygons))
     if any(polygon.interiors for polygon in joined):
         raise ScenarioError('it has a hole; cut it into polygons without one')

@@ -14,9 +14,9 @@ class Area(NamedTuple):
     An area of a file.
 
     :param corners: (latitude, longitude) in degrees.
-    :param floor: in m above the ground, not checked yet.
-    :param ceiling: in m above the ground, not checked yet; None for all heights.
-    :param is_fence: whether UAVs stay inside.
+    :param floor: lowest height in m above the ground, not checked yet.
+    :param ceiling: highest height in m above the ground, not checked yet; None for all heights.
+    :param is_fence: True for a fence, inside which UAVs stay, False for a zone.
     """
 
     corners: Sequence[tuple[float, float]]
@@ -29,7 +29,8 @@ def checked_corners(corners: Any, latitude: int) -> list[tuple[float, float]]:
     """
     Return the corners of a polygon in degrees, latitude first, or raise ScenarioError.
 
-    :param latitude: index of the latitude in each; a third number is a height and must be 0.
+    :param latitude: index of the latitude in each corner. The third number of a corner, if there
+        is one, is a height, which must be 0.
     """
     if not is_sequence(corners) or len(corners) < 3:
         raise ScenarioError(f'a polygon is {quote(corners)}; it must have at least three corners')

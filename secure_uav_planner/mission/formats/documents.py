@@ -1,4 +1,4 @@
-"""YAML and JSON files as plain values, with the line of each."""
+"""YAML and JSON files as plain values, with the line of each value."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from ..files import read_text
 from ...errors import FieldPath, MissionFileError, quote
 
 MOST_BYTES = 2**20
-"""The largest file that is read: a mission with all its lists full takes a fifth of it."""
+"""Largest size in bytes of a file that is read; a mission with all lists full has a fifth."""
 
 MOST_VALUES = 200_000
-"""The most values of a document: an alias of YAML can stand for many."""
+"""Largest number of values in a document, which few aliases of YAML can multiply."""
 
 _MOST_LEVELS = 20
 
 
 class FileProblem(NamedTuple):
-    """An error in a document; lines count from 1, None for an unknown one."""
+    """An error in a document; `line` counts from 1, and is None if it is not known."""
 
     line: int | None
     text: str
@@ -36,7 +36,7 @@ class Document:
     The content of a file.
 
     :param data: dictionaries, lists, strings, numbers, true, false and None.
-    :param lines: the line of each value by its path, as far as it could be determined.
+    :param lines: line of each value by its path; values whose line is not known are missing.
     :param problems: errors of the file itself, such as a field that comes twice.
     """
 
@@ -45,7 +45,7 @@ class Document:
     problems: tuple[FileProblem, ...] = ()
 
     def line(self, path: FieldPath) -> int | None:
-        """Return the line of a value, or else of the block it is in."""
+        """Return the line of a value, or of the innermost block around it that has a line."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path)
@@ -90,7 +90,7 @@ def read_document(path: str | os.PathLike[str], text: str | None = None) -> Docu
     """
     Read a file: JSON if its name ends with .json, otherwise YAML.
 
-    :param text: what it has, if that is no file yet.
+    :param text: content that is read instead of the file; None to read the file.
     :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
     :raises MissionFileError: for a wrong syntax, with the line.
     """
@@ -130,7 +130,7 @@ def format_document(path: str | os.PathLike[str], data: Any) -> str:
     """Return the text of a file with these data, in the notation that read_document expects."""
     if is_json(path):
         return json.dumps(data, indent=2, allow_nan=False) + '\n'
-    # Lists of numbers, such as places, on one line.
+    # The default_flow_style None writes lists of numbers, such as places, on one line.
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None,
                      allow_unicode=True, width=95)
 
@@ -160,9 +160,9 @@ def _parse_yaml(text: str) -> Document:
 def _parse_json(text: str) -> Document:
     data = json.loads(text)
     try:
-        # JSON without tabs, which it has only between values, is YAML, whose reader has the lines.
+        # JSON without tabs is YAML, whose reader gives lines; JSON has tabs only between values.
         as_yaml = _parse_yaml(text.replace('\t', ' '))
-    except (yaml.YAMLError, ValueError):  # It has a character that YAML does not allow.
+    except (yaml.YAMLError, ValueError):  # JSON may have characters that YAML does not allow.
         return Document(data, {})
     return Document(data, as_yaml.lines, as_yaml.problems)
 

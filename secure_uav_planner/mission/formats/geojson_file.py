@@ -11,16 +11,17 @@ from ..geography import Origin
 from ..validation import to_number
 from ...errors import OptionError, quote, ScenarioError
 
-# Names of properties: times of validity, and altitudes that are not above the ground.
+# Properties that a zone cannot keep: times of validity, and heights not above the ground.
 _UNKEPT = re.compile(
     r'(?P<time>valid|applicab|expir|schedule|(start|end|begin|from|to)_?(date_?)?time)|'
     r'(?<!^floor_)(?<!^ceiling_)amsl|_msl|^(upper|lower|altitude|vertical)', re.I)
 
 _AREAS = ('Polygon', 'MultiPolygon')
 
-# Names of WGS84, whose axes are longitude and latitude in CRS84, and in EPSG's either first.
+# Names of WGS84 with the longitude first.
 _CRS84 = re.compile(r'(urn:(x-)?ogc:def:crs:)?OGC:([0-9.]*:)?CRS84|'
                     r'https?://www\.opengis\.net/def/crs/OGC/[0-9.]+/CRS84', re.I)
+# Names of WGS84 whose files have the longitude or the latitude first.
 _EPSG = re.compile(r'(urn:(x-)?ogc:def:crs:)?EPSG:([0-9.]*:)?(4326|4979)|'
                    r'https?://www\.opengis\.net/(def/crs/EPSG/[0-9.]+/|gml/srs/epsg\.xml#)'
                    r'(4326|4979)', re.I)
@@ -32,7 +33,13 @@ MAP_PROPERTIES = {'path': {'altitude', 'times', 'powers'}, 'ground_node': set(),
 
 
 def list_features(text: str) -> list[tuple[Any, Any]]:
-    """Return name and content of each feature; raise ScenarioError for a polygon in none."""
+    """
+    Return the name and the content of each feature, as read_feature takes it.
+
+    Of a plan's map, only zones and the fence are returned.
+
+    :raises ScenarioError: for a polygon outside of features.
+    """
     data = parse_json(text)
     kind = checked_field(data, 'type', str, 'a type of GeoJSON')
     features = [data] if kind == 'Feature' else [{'geometry': data}]
@@ -61,7 +68,7 @@ def _list_geometries(geometry: Any) -> Iterator[Any]:
 
 
 def _list_objects(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Yield the objects in a value, without those in properties, which are no GeoJSON."""
+    """Yield the objects in a value; `properties` and `crs`, which are no geometry, are skipped."""
     if isinstance(value, Mapping):
         yield value
         for name, item in value.items():
@@ -74,7 +81,7 @@ def _list_objects(value: Any) -> Iterator[Mapping[str, Any]]:
 
 
 def _may_begin_with_latitude(crs: Any) -> bool:
-    """Return whether places in a system may have the latitude first; refuse all but WGS84."""
+    """Return whether places of a crs may have the latitude first; refuse all but WGS84."""
     name = crs
     if isinstance(crs, Mapping):
         name = crs.get('properties')
@@ -140,9 +147,9 @@ def _list_polygons(geometry: Any) -> list[Any]:
 
 def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
     """
-    Return the corners of a ring whose places have longitude or latitude first, latitude first.
+    Return the corners of a ring, latitude first, if the order in the file is not known.
 
-    GeoJSON of 2008 has the longitude first, EPSG's definition the latitude, and both are written.
+    GeoJSON of 2008 has the longitude first, EPSG's definition the latitude. Files have either.
     Only one order lies near the origin, except where latitude and longitude are nearly equal.
     """
     near = []

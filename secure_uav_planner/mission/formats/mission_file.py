@@ -25,7 +25,7 @@ _HEAD = """\
 # heights in m above the ground node, speeds in m/s, powers in W, times in s.
 """
 
-# Files that users may confuse with a mission: a field by which each is recognised.
+# What a file is that users may take for a mission, by a field that only such a file has.
 _FOREIGN_FILES = {
     'powers': 'a plan, whose field scenario is its mission',
     'vary': 'a campaign, for the command sweep; its field mission names its mission',
@@ -39,8 +39,8 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
     Read the mission of a file; see Scenario.load.
 
     :param kind: the class Scenario, which imports this module.
-    :param text: what the file has, if that is no file yet.
-    :param airspace: the only `airspace` that such a text may name; None for none.
+    :param text: content that is read instead of the file; None to read the file.
+    :param airspace: the only `airspace` that `text` may name; with None it may name no airspace.
     """
     document = read_document(path, text)
     check_foreign(path, document.data, *_FOREIGN_FILES)
@@ -63,7 +63,7 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
 
 
 def check_foreign(path: str | os.PathLike[str], data: Any, *fields: str) -> None:
-    """Raise a MissionFileError for a file of another kind, which has one of these fields."""
+    """Raise a MissionFileError if one of the fields shows that a file is of another kind."""
     for field in fields:
         if _has_field(data, field):
             raise make_file_error(path, [FileProblem(None, f'it is {_FOREIGN_FILES[field]}')])
@@ -73,9 +73,9 @@ def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     """
     Add the zones and the fence of its airspace file to the plain values of a mission.
 
-    :param folder: that of the mission file.
-    :raises ScenarioError: as read_zones does, also for a file that cannot be read; for a mission
-        without an origin, or with a fence of its own.
+    :param folder: folder of the mission file, to which the airspace's path is relative.
+    :raises ScenarioError: if the airspace file is wrong or cannot be read, if the mission has no
+        origin, or if the mission and its airspace both have a fence.
     """
     name = data.pop('airspace')
     if data.get('origin') is None:

@@ -52,11 +52,11 @@ def read_area(item: Any, origin: Origin) -> Iterator[Area]:
         raise ScenarioError(f'radius is {quote(circle.get("radius"))}; it must be above 0 and at '
                             f'most {MAX_DISTANCE / 2:g} m')
     try:
-        origin.to_local(*place)  # Its distance is checked first.
+        origin.to_local(*place)  # A centre beyond 100 km is refused.
         centre = Origin(*place, origin.projection)
     except ValueError as error:
         raise ScenarioError(str(error).replace('origin.', 'the centre: ')) from None
-    # On the safe side: inside a circle to stay in, around one to stay out of.
+    # The polygon is on the safe side: inside the circle of a fence, around the circle of a zone.
     reach = radius if is_fence else radius / math.cos(math.pi / _CORNERS)
     angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
     yield Area([*zip(*(values.tolist() for values in centre.to_geographic(
