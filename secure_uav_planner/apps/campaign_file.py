@@ -35,29 +35,28 @@ LAWS = {'uniform': 'the first at most the second', 'normal': 'the second at leas
 """Random laws of a field, with the condition on their two numbers."""
 
 MOST_TASKS = 10**6
-"""The most missions of a campaign, whose rows are in memory, and the most values of a field."""
+"""Largest number of missions of a campaign, whose rows are in memory, and of values in a range."""
 
 _LEFT_OUT = {'channel': asdict(Channel()), 'colluding': False}
-"""Defaults that Scenario.to_dict leaves out, and so do missions of campaigns that do not vary
-them."""
+"""Defaults that Scenario.to_dict leaves out; a mission gets them only if they vary."""
 
-_OWN = 'module:function'  # Of a user, among the methods.
+_OWN = 'module:function'  # Notation of a user's own planner among the methods.
 
 
 class Law(NamedTuple):
-    """A law of LAWS by which a field is drawn, and its two numbers, or two places."""
+    """A random law of a field: a name in LAWS, and two numbers or two places."""
 
     name: str
     first: Any
     second: Any
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """Return a plain number or place; raise ValueError for numbers that no law has."""
+        """Draw a plain number or place; raise ValueError for numbers that the law refuses."""
         return np.asarray(getattr(rng, self.name)(self.first, self.second)).tolist()
 
 
 def _checked_mission(value: Any) -> Scenario:
-    """Return the Scenario of a file, or of the fields of a mission."""
+    """Return the Scenario of a mission file, given by its path, or of a mapping of fields."""
     if not isinstance(value, str):
         return Scenario.from_dict(value)
     try:
@@ -112,7 +111,7 @@ def _checked_limit(value: Any) -> Any:
 
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
-    """Return a list of names; where _OWN is allowed, some may be those of functions."""
+    """Return a list of allowed names; if _OWN is allowed, each `module:function` is, too."""
     own = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
@@ -201,7 +200,7 @@ class Campaign(Checked):
     @cached_property
     def _base(self) -> dict[str, Any]:
         """Plain values of the mission, with all fields that vary."""
-        # By JSON tuples become lists, whose members can be replaced.
+        # JSON turns tuples into lists, whose members can be replaced.
         mission: dict[str, Any] = json.loads(json.dumps(self.mission.to_dict()))
         for name in (*self.grid, *self.laws):
             owner = name.partition('.')[0]
@@ -215,9 +214,9 @@ class Campaign(Checked):
     @cached_property
     def schemes(self) -> list[tuple[str, str]]:
         """
-        Pairs of a method and an objective.
+        Pairs of a method and an objective by which each mission is planned.
 
-        Baselines and schemes of one's own are compared by the objectives of the methods of solve.
+        Baselines and the user's own planners get the objectives of the methods of solve.
         """
         methods = self.methods or METHODS[:1]
         own: dict[str, list[str]]
@@ -233,14 +232,15 @@ class Campaign(Checked):
 
     @property
     def size(self) -> int:
-        """Return the number of missions."""
+        """How many tasks there are: missions times schemes."""
         return math.prod(map(len, self.grid.values())) * self.samples * len(self.schemes)
 
     def tasks(self) -> Iterator[Task]:
-        """Yield a task for each mission and scheme; sample k has the same draws everywhere."""
+        """Yield a task for each mission and scheme; sample k has equal draws in the whole grid."""
         settings: dict[str, Any] = {
             'time_limit': self.time_limit, 'bound_time_limit': self.bound_time_limit}
-        # Without plans and assess, tasks have the keys of a campaign that has no such fields.
+        # Keys are digests of settings: a field without a value is left out, so that campaigns
+        # without this field keep their keys.
         if self.plans:
             settings['plans'] = True
         if self.assess is not None:
@@ -259,7 +259,7 @@ class Campaign(Checked):
         for name, value in fields.items():
             for owner, key in _resolve_field(mission, name):
                 owner[key] = value
-                if key == 'track' and value is not None:  # It decides these.
+                if key == 'track' and value is not None:  # A track sets position and radius.
                     owner.pop('position', None)
                     owner.pop('error_radius', None)
         return mission
@@ -267,7 +267,7 @@ class Campaign(Checked):
 
 def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaign:
     """
-    Return the campaign of a file, YAML, or JSON if its name ends with .json, or of its fields.
+    Return the campaign of a YAML or JSON file, given by its path, or of a mapping of fields.
 
     :raises OSError: when the file cannot be read.
     :raises MissionFileError: with all problems, each with its line in the file.
@@ -294,7 +294,7 @@ def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaig
 
 
 def _make_plain(fields: Mapping[str, Any]) -> Any:
-    """Return the fields of a campaign in Python as those of a file: lists, numbers and text."""
+    """Return the fields of a campaign in Python as plain lists, numbers and text."""
     def convert(value: Any) -> Any:
         if isinstance(value, Scenario):
             return value.to_dict()
@@ -306,7 +306,7 @@ def _make_plain(fields: Mapping[str, Any]) -> Any:
 
 
 def _resolve_field(owner: Any, name: str) -> Iterator[tuple[Any, Any]]:
-    """Yield owner and key of each field with a dotted name; `*` means all of a list."""
+    """Yield (owner, key) of each field with a dotted name; `*` means all items of a list."""
     part, _, rest = name.partition('.')
     keys: list[Any] = [part] if isinstance(owner, dict) and part in owner else []
     if isinstance(owner, list):

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 JOURNAL = 'results.jsonl'
 
-_SINCE_0_1_0 = {'promise'}  # Columns that older journals lack.
-_PERIODS = {True: 0.5, False: 30.0}  # Between two reports on a terminal and in a file, in s.
+_SINCE_0_1_0 = {'promise'}  # Columns that journals of version 0.1.0 lack.
+_PERIODS = {True: 0.5, False: 30.0}  # Time between two reports [s]; True for a terminal.
 
 
 def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
@@ -45,8 +45,8 @@ def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
         a Scenario.
     :param client: a `distributed.Client` of a Dask cluster, whose workers need this package; None
         for this computer.
-    :param folder: where finished missions and plans are kept at once, so that the same call
-        continues one that was stopped; None keeps nothing.
+    :param folder: folder that keeps each finished mission and plan at once, so that the same call
+        continues a campaign that was stopped; None keeps nothing.
     :param jobs: processes on this computer; -1 for as many as there are cores.
     :return: a pandas DataFrame with a row for each mission and the columns of `results.csv`.
     :raises MissionFileError: with all problems of the campaign.
@@ -76,18 +76,20 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
               cluster: 'str | Client | None' = None, shard: tuple[int, int] | None = None,
               title: str = 'sweep') -> list[Row]:
     """
-    Return the rows of all missions of a campaign, and plan those that have none.
+    Return the rows of all missions of a campaign; plan the missions without a row.
 
-    Missions with an infrastructure failure, those whose plan was to be kept and is gone, and those
-    whose lines in the journals are damaged, which is printed, are planned again. Each finished
-    mission is appended to a journal in the folder at once; the last result of a mission counts.
+    A mission is planned again after an infrastructure failure, if its plan was to be kept and is
+    gone, or if its line in a journal is damaged. Numbers of damaged lines are printed. Each
+    finished mission is appended to a journal in the folder at once. If a mission has several
+    results, the last one counts that is no infrastructure failure.
 
-    :param tasks: returns the tasks, the same ones at each call.
-    :param folder: of the journals and the kept plans.
+    :param tasks: function that returns the tasks, the same ones at each call.
+    :param folder: folder of the journals and the kept plans.
     :param jobs: processes on this computer; -1 for as many as there are cores.
     :param cluster: a Dask client or the address of a scheduler, whose workers are used instead.
-    :param shard: (k, n) for the k-th of n shares of the missions, from 1, with its own journal.
-    :param title: of the reports of progress on stderr.
+    :param shard: (k, n), k from 1 to n: only the k-th of n shares of the missions is planned, with
+        a journal of its own.
+    :param title: name in the reports of progress on stderr.
     :raises OSError: when a row cannot be written; what is finished is kept.
     :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
     :raises PlanningError: when the scheduler cannot be reached, or workers are lost.
@@ -178,14 +180,14 @@ def _open_journal(path: Path) -> Iterator[BinaryIO]:
 
 
 def _read_rows(folder: Path) -> dict[str, Row]:
-    """Return the rows of all journals of a folder by key; print which lines hold none."""
+    """Return the rows of all journals of a folder by key; print the numbers of damaged lines."""
     rows: dict[str, Row] = {}
     for path in sorted(folder.glob('results*.jsonl')):
         damaged = []
         with open(path, 'rb') as file:
             for number, line in enumerate(file, start=1):
                 row = _read_row(line)
-                if row is None and line.endswith(b'\n'):  # Not one that a shard is writing.
+                if row is None and line.endswith(b'\n'):  # A shard may be writing the last line.
                     damaged.append(str(number))
                 elif row is not None and (row['key'] not in rows or not _is_lost(row)):
                     rows[row['key']] = row
@@ -224,7 +226,7 @@ def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
 
 
 def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
-    """Yield the tasks with missing keys; two places of a grid may be the same mission."""
+    """Yield one task for each missing key; equal missions of a grid share a key."""
     for task in tasks:
         if task['key'] in missing:
             missing.remove(task['key'])

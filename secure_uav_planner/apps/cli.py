@@ -65,10 +65,10 @@ _MISSION = 'mission file: YAML, or JSON if its name ends with .json'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command with arguments, by default those of the process; return EXIT_STATUSES."""
+    """Run the command with arguments, by default sys.argv[1:]; return one of EXIT_STATUSES."""
     argv = sys.argv[1:] if argv is None else list(argv)
     for name in ('stdout', 'stderr'):
-        if getattr(sys, name) is None:  # The caller has closed it.
+        if getattr(sys, name) is None:  # The caller has closed the stream.
             setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))
     try:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             import argcomplete
             argcomplete.autocomplete(parser)
         options = parser.parse_args(argv)
-        os.environ['MPLBACKEND'] = 'Agg'  # A notebook's is not there in every environment.
+        os.environ['MPLBACKEND'] = 'Agg'  # A notebook's backend may not be installed.
         with name_missing_package():
             run = resolve_name(f'{__package__}.{options.run}')
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -133,7 +133,7 @@ def _print_error(text: str) -> None:
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
-    """Run a node in this process; the arguments are for ROS, which ignores others."""
+    """Run a node in this process; arguments are for ROS, which would ignore those it lacks."""
     if arguments and arguments[0] != '--ros-args':
         first = arguments[0]
         hint = (arguments if first.startswith('-') else ['-p', first] if ':=' in first else
@@ -160,7 +160,7 @@ def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
 
 def _make_type(convert: Callable[[str], Any], allowed: str,
                is_allowed: Callable[[Any], bool] = lambda _: True) -> Callable[[str], Any]:
-    """Return a type of arguments, which converts their text, for argparse."""
+    """Return a type for argparse: it converts the text of an argument, or says what is allowed."""
     def parse(text: str) -> Any:
         with suppress(ValueError):
             value = convert(text)
@@ -307,11 +307,11 @@ of its receiver is larger than that of the ground node's.""", {
         '--receive-gain-dbi': _number_option(
             'DBI', "G_r, gain of the ground node's antenna upwards (default: 0)", default=0.0)}),
 }
-"""Of each command: its function `module:name`, summary, further description and arguments."""
+"""Function `module:name`, summary, further description and arguments of each command."""
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that reports an error in a line, as the usage may be longer than a screen."""
+    """A parser that reports an error in one line, since the usage may be longer than a screen."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f'{self.prog}: {message}; see {self.prog} --help\n')

@@ -1,4 +1,4 @@
-"""A mission that is edited: as shapes of Plotly to drag, its fields, and what is added."""
+"""Edits of a mission: shapes of Plotly that are dragged, new values, and added members."""
 
 from collections.abc import Callable, Iterator, Mapping
 import copy
@@ -19,26 +19,33 @@ from ..mission.scenario import Array, Scenario
 from ..output.drawing import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
 
 Mission = dict[str, Any]
-"""Plain values, as Scenario.to_dict returns them and JSON has them."""
+"""A mission as plain values of JSON, as Scenario.to_dict returns them."""
 
-_OPTIONAL = ('max_acceleration', 'outage')  # 0 on a slider is null in a mission.
-_LEAST_CORNERS = 16  # Of a polygon that is dragged as a circle, as ground stations write them.
-_ROUNDNESS = 0.02  # Largest difference of its radii, and of its edges, in radii.
+_OPTIONAL = ('max_acceleration', 'outage')  # Fields whose 0 on a slider is null in a mission.
+# Least number of corners of a polygon that is dragged as a circle; ground stations write such.
+_LEAST_CORNERS = 16
+_ROUNDNESS = 0.02  # Largest spread of a circle's radii, and of its edges, in radii.
 _DISC = ((9, 0), (6, 6), (0, 9), (-6, 6), (-9, 0), (-6, -6), (0, -9), (6, -6))
-_MOST_RINGS = 20  # Around the middle of the map, where room for a new member is sought.
+_MOST_RINGS = 20  # Rings around the map's middle that are searched for room for a new member.
 _SQUARE = ((-8, -8), (8, -8), (8, 8), (-8, 8))
 _DIAMOND = ((5, 0), (0, 5), (-5, 0), (0, -5))
 _TRIANGLE = ((-9, -7), (9, -7), (0, 10))
 
 
 def to_mission(scenario: Scenario) -> Mission:
-    """Return a Scenario with all fields that can be edited."""
+    """Return a Scenario as plain values, with all fields that can be edited."""
     return json.loads(json.dumps({**scenario.to_dict(), 'channel': asdict(scenario.channel),
                                   'colluding': scenario.colluding}))
 
 
 class Handle(NamedTuple):
-    """A shape, the place of what it moves, and the place of what is removed by it, () if none."""
+    """
+    A shape of the map, and what changes when it is dragged or removed.
+
+    :ivar shape: the shape, as Plotly has it.
+    :ivar place: path of the value that changes when the shape is dragged.
+    :ivar removes: path of the member that a double click removes; () for none.
+    """
 
     shape: dict[str, Any]
     place: FieldPath
@@ -46,7 +53,7 @@ class Handle(NamedTuple):
 
 
 def list_handles(mission: Mission) -> list[Handle]:
-    """Return the shapes of a mission; the last of them lie above the others."""
+    """Return the Handles of a mission; a later one lies above the earlier ones."""
     return [*_list_areas(mission), *_list_receivers(mission), *(
         Handle(_draw_point(uav[end], outline, uav_color(number)), ('uavs', number, end),
                ('uavs', number))
@@ -55,7 +62,7 @@ def list_handles(mission: Mission) -> list[Handle]:
 
 
 def _list_areas(mission: Mission) -> Iterator[Handle]:
-    """Yield the fence and the zones, each with its corners, of which three remain."""
+    """Yield Handles of fence, zones and corners; removing a triangle's corner removes the area."""
     areas: list[tuple[FieldPath, FieldPath, str, str]] = [
         (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), NO_FLY_ZONE, zone['name'])
         for number, zone in enumerate(mission['no_fly_zones'])]
@@ -81,7 +88,7 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
 
 
 def _list_receivers(mission: Mission) -> Iterator[Handle]:
-    """Yield discs with their middles, and the ground node, for each knot where they move."""
+    """Yield Handles of discs, centres and ground nodes, one for each knot of a track."""
     for number, eve in enumerate(mission['eavesdroppers']):
         owner, name = ('eavesdroppers', number), eve['name']
         discs = [((*owner, 'track', knot), disc, f'{name} {time:g} s')
@@ -135,7 +142,7 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
 
 
 def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], Any]) -> Mission:
-    """Return the mission with a changed value at a place; a member of a list may become None."""
+    """Return the mission with a changed value at a place; None removes a member of a list."""
     mission, (*path, last) = copy.deepcopy(mission), place
     owner: Any = reduce(operator.getitem, path, mission)
     owner[last] = change(owner[last])
@@ -145,7 +152,7 @@ def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], An
 
 
 def remove_member(mission: Mission, number: int) -> Mission:
-    """Return the mission without what a shape of list_handles stands for."""
+    """Return the mission without the member that the Handle of this number removes."""
     removes = list_handles(mission)[number].removes
     return replace_value(mission, removes, lambda _: None) if removes else mission
 
@@ -161,7 +168,7 @@ def drag(mission: Mission, changes: Mapping[str, Any]) -> Mission:
 
 
 def _move(shape: Mapping[str, Any], value: Any) -> Any:
-    """Return the value of a shape that was moved or resized, to 0.1 m."""
+    """Return the new value after a drag of its shape, to 0.1 m; 0.01 m for a circle's corners."""
     if shape['type'] == 'circle' and isinstance(value, list) and isinstance(value[0], list):
         x, y, radius = find_circle(value) or (0.0, 0.0, 1.0)
         *center, reach = _read_disc(shape, x, y, radius)
@@ -182,7 +189,7 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
 
 
 def _read_disc(shape: Mapping[str, Any], x: float, y: float, radius: float) -> tuple[float, ...]:
-    """Return centre and radius of a disc, whose centre stays if an edge was dragged."""
+    """Return centre and radius of a dragged disc: the centre stays if the size changed."""
     x0, x1, y0, y1 = (float(shape[name]) for name in ('x0', 'x1', 'y0', 'y1'))
     if all(math.isclose(span, 2 * radius, abs_tol=1e-6) for span in (x1 - x0, y1 - y0)):
         return (x0 + x1) / 2, (y0 + y1) / 2, radius
@@ -191,13 +198,13 @@ def _read_disc(shape: Mapping[str, Any], x: float, y: float, radius: float) -> t
 
 
 def read_field(mission: Mission, owner: str, field: str) -> Any:
-    """Return a field of the 'mission', the 'channel', or the first of the UAVs named so."""
+    """Return a field of an owner, as in _list_owners; of several UAVs, the first one's."""
     value = next((item[field] for item in _list_owners(mission, owner)), None)
     return 0.0 if value is None and field in _OPTIONAL else value
 
 
 def set_field(mission: Mission, owner: str, field: str, value: Any) -> Mission:
-    """Return the mission with another value of a field; slots keep their length."""
+    """Return the mission with another value of a field; a new duration keeps the slot length."""
     mission = copy.deepcopy(mission)
     if field == 'duration' and value:
         mission['slots'] = max(1, round(mission['slots'] * value / mission['duration']))
@@ -222,7 +229,7 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
             [x - size, y + size]]}),
         'jammer': ('uavs', {
             **mission['uavs'][-1], 'start': [x - size, y], 'goal': [x + size, y],
-            # Above all others, where nothing can come close.
+            # The new UAV is above all UAVs by at least the separation, so that none is close.
             'altitude': max(uav['altitude'] for uav in mission['uavs'])
             + max(10.0, mission['separation'] + 2 * mission['tracking_margin'])})}[kind]
     names = {present['name'] for present in mission[field]}
@@ -231,7 +238,7 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
 
 
 def _find_room(mission: Mission, middle: Array, size: float) -> list[float]:
-    """Return the place nearest to the middle where a square of 2 size is off zones and UAVs."""
+    """Return the place nearest the middle with a free square of side 2 size, else the middle."""
     margin = mission['tracking_margin']
     taken = [shapely.Polygon(zone['vertices']).buffer(margin + 0.2 * size)
              for zone in mission['no_fly_zones']]

@@ -35,24 +35,24 @@ from ..plan.plan import Plan
 from ..plan.results import Iteration
 
 _HOST = '127.0.0.1'
-_TIME_LIMIT = 5.0  # Of a solve, in s.
-_PROGRESS_DELAY = 0.3  # s without a plan after which the progress is shown instead.
-_MOST_STEPS = 100  # That can be undone.
+_TIME_LIMIT = 5.0  # Time limit of a solve [s].
+_PROGRESS_DELAY = 0.3  # Time [s] after which the progress of an unfinished solve is shown.
+_MOST_STEPS = 100  # Largest number of missions in the history.
 _OLDER = 'this page is older than its server: reload'
 _NOT_FLOWN, _NOT_TAKEN = 'cannot be flown', 'this text is not taken: the mission stays as it was'
 
 
 class Editor:
     """
-    The missions of a page, which need not be ones that can be flown, and their plans.
+    The missions of a page and their plans; a mission may be impossible to fly.
 
-    :param source: the MissionText to begin with.
-    :ivar version: number of what the page should show.
-    :ivar problem: why the last edit was not taken, '' if it was.
-    :ivar progress: of the last solve, as text.
+    :param source: the MissionText of the first mission.
+    :ivar version: number that grows with each change that the page should show.
+    :ivar problem: why the last edit was refused, '' if it was taken.
+    :ivar progress: text on the progress of the last solve.
     :ivar source: the MissionText, which reads and changes texts.
     :ivar plan: the last Plan, None at first.
-    :ivar kept: the Plan with which others are compared.
+    :ivar kept: the Plan with which new plans are compared, None at first.
     :ivar extent: the corners of the map, (2, 2) in m.
     """
 
@@ -68,16 +68,16 @@ class Editor:
 
     @property
     def mission(self) -> Mission:
-        """Return the mission as it is now."""
+        """Mission that the page shows now."""
         return self._history[self._present][0]
 
     @property
     def text(self) -> str:
-        """Return the mission as it is now as text."""
+        """Text of the present mission, as its file would have it."""
         return self._history[self._present][1]
 
     def edit(self, mission: Mission, text: str | None = None) -> None:
-        """Go on with another mission, by default in the notation of the text before."""
+        """Make another mission the present one; without a text, keep the present notation."""
         if mission != self.mission or text not in (None, self.text):
             if text is None:
                 text = self.source.change(self.text, self.mission, mission)
@@ -85,14 +85,14 @@ class Editor:
             self.step(_MOST_STEPS)
 
     def step(self, steps: int) -> None:
-        """Go so many steps on in the history, or back, as far as it reaches."""
+        """Redo a number of edits, or undo them if it is negative; stop at the history's ends."""
         with self._lock:
             self._present = min(max(self._present + steps, 0), len(self._history) - 1)
             self.version, self.problem, self._solve = self.version + 1, '', None
 
     def solve(self) -> Future[Plan]:
         """
-        Return the solve of the mission as it is now, in a thread that ends with its mission.
+        Return the solve of the present mission, in a thread that ends at the next change.
 
         :raises ScenarioError: for what is wrong with the mission.
         """
@@ -100,7 +100,7 @@ class Editor:
             if self._solve is None:
                 scenario, self._solve = Scenario.from_dict(self.mission), Future()
                 self.progress = 'planning ...'
-                # Not one of an executor, which waits for it before the main thread ends.
+                # An executor's thread would be waited for before the main thread ends.
                 threading.Thread(target=self._run, args=(self._solve, scenario)).start()
             return self._solve
 
@@ -109,7 +109,7 @@ class Editor:
             if future is self._solve:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '
                                  f'{iteration.elapsed:.1f} of at most {_TIME_LIMIT:g} s')
-            # At the end of the program, too, whose threads may not run on in the kernel.
+            # The end of the program also stops a solve: no thread may stay in the kernel then.
             return future is not self._solve or not threading.main_thread().is_alive()
 
         try:
@@ -146,7 +146,7 @@ def make_app(source: MissionText, port: int) -> Dash:
 
     @app.server.before_request
     def refuse_others() -> None:
-        # The host is another one after DNS rebinding, the origin in requests of other sites.
+        # DNS rebinding shows in the host, and a request of another site in the origin.
         own = f'http://{request.host}'
         if request.host not in (f'{_HOST}:{port}', f'localhost:{port}') or request.headers.get(
                 'Origin', own) != own:
@@ -168,11 +168,12 @@ def make_app(source: MissionText, port: int) -> Dash:
     def edit(*arguments: Any) -> Any:
         *_, values, text, version, page = arguments
         value = text if ctx.triggered_id == 'yaml' else ctx.triggered[0]['value']
-        if page not in editors:  # The callback `follow` tells that.
+        if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update, [no_update] * len(values)
         return _edit(editors[page], ctx.triggered_id, value, values, version)
 
-    # Apart: a view that moves, as when the window does, would supersede another edit under way.
+    # A callback of its own: with a resize of the window, Plotly reports a moved view, which would
+    # supersede an edit that is running in the callback `edit`.
     @app.callback(
         Output('version', 'data', allow_duplicate=True),
         Output('yaml', 'value', allow_duplicate=True), Input('map', 'relayoutData'),
@@ -217,8 +218,10 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
     """
     Edit the mission as the page says.
 
-    :param trigger: what was changed on the page, to a value.
-    :param values: those of all fields on the page, which shows this version.
+    :param trigger: id of the component of the page that was changed.
+    :param value: new value of this component.
+    :param values: values of all fields on the page.
+    :param version: version that the page shows.
     :return: the outputs of the callback `edit`.
     """
     mission = editor.mission
@@ -238,7 +241,7 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
     except MissionFileError as error:
         editor.version += 1
         editor.problem = '\n'.join(f'line {line}: {words}' for line, words in error.problems)
-    if version == editor.version:  # Nothing but the view was moved.
+    if version == editor.version:  # Only the view of the map was moved.
         raise PreventUpdate
     fields = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
     return editor.version, value if editor.problem else editor.text, [
@@ -247,9 +250,11 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
 
 def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
     """
-    Return the view of a mission, new or not: its shapes and plan, or its progress.
+    Return what the page shows of the present mission: shapes, and its plan or the progress.
 
-    :return: the outputs of the callback `follow` but the last.
+    :param is_new: whether the page does not show the shapes of this version yet.
+    :param ticks: number of ticks so far; one more follows while the solve runs.
+    :return: the outputs of the callback `follow` without the last one.
     """
     on_map = Patch()
     if is_new:
@@ -262,7 +267,7 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
                     editor.problem, ticks + 1)
         editor.plan = future.result()
     except PlanningError as error:
-        # The last plan stays, and is told to be of another mission.
+        # The last plan stays on the page, faded, since it belongs to another mission.
         return (on_map, no_update, no_update, 'old', no_update, _NOT_FLOWN, 'failed',
                 editor.problem or str(error), ticks)
     plan, editor.kept = editor.plan, editor.kept or editor.plan
@@ -273,7 +278,7 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
 
 
 def _draw_plans(on_map: Patch, plan: Plan, kept: Plan) -> Patch:
-    """Draw a plan on the map, and one in grey behind it; return the change of the charts."""
+    """Draw a plan on the map, and the kept plan in grey below; return the Patch of the charts."""
     content, behind, charts = PlanTraces(plan), PlanTraces(kept), Patch()
     on_map['data'] = [*margin_traces(plan.scenario), *content.way_traces(),
                       *map(_paint_grey, behind.path_traces()), *content.path_traces()]

@@ -17,7 +17,7 @@ from ..plan.plan import Plan
 
 MISSION, PLAN = 'mission.yaml', 'plan.json'
 ADDED = ('eavesdropper', 'jammer', 'zone')
-_ROOM = 1 / 3  # Around the mission on its map, in sizes of the mission.
+_ROOM = 1 / 3  # Room around the mission on its map, in sizes of the mission.
 
 _slider = partial(dcc.Slider, marks=None)
 GROUPS = {
@@ -123,16 +123,17 @@ def lay_out(page: str, name: str, scenario: Scenario, text: str, mission: Missio
     """
     Return the parts of a page.
 
-    :param page: its key.
-    :param name: of the mission, in the headline.
-    :param text: the mission as the pane of text has it.
+    :param page: key of the page.
+    :param name: name of the mission, in the headline.
+    :param text: mission file in the pane of text.
+    :param mission: the mission that the map and the fields show.
     """
     (left, low), (right, high) = widen(map_extent(scenario))
     shared = {'template': 'plotly_white', 'margin': {'l': 62, 'r': 12, 't': 12, 'b': 44},
               'showlegend': False}
     axis = {'zeroline': False, 'ticks': 'outside'}
     on_map = go.Figure(layout={
-        # The view stays as the user has it; shapes are where the mission has them.
+        # The user's view stays, because uirevision does; shapes follow the mission.
         **shared, 'uirevision': 'map', 'editrevision': False, 'dragmode': 'pan',
         'shapes': [item.shape for item in list_handles(mission)],
         # The range grows on the side where the panel is longer, so that the map fills it.

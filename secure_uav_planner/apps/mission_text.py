@@ -20,18 +20,18 @@ from ..mission.formats.mission_file import read_mission
 from ..mission.scenario import Scenario
 
 _YAML = 'mission.yaml'
-_REMOVED = object()  # Value of a change that removes.
+_REMOVED = object()  # Stands in a change for the value that is removed.
 _MOST_PASSES = 10
-_AREAS = ('no_fly_zones', 'geofence')  # What the file of an `airspace` has.
+_AREAS = ('no_fly_zones', 'geofence')  # Fields that the file of an `airspace` sets.
 
 
 class MissionText:
     """
     A mission file.
 
-    :ivar name: of the mission, for people.
-    :ivar scenario: its Scenario.
-    :ivar text: its content as YAML.
+    :ivar name: name of the mission for people: the file's name without the suffix.
+    :ivar scenario: Scenario of the file.
+    :ivar text: content of the file as YAML.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -48,7 +48,7 @@ class MissionText:
         if is_json(path):
             self.text = format_document(_YAML, data)
         self._airspace = data.get('airspace')
-        self._path = Path(path).with_name(_YAML)  # Its folder has the file of the airspace.
+        self._path = Path(path).with_name(_YAML)  # The path of an airspace starts at the folder.
 
     def read(self, text: str) -> Scenario:
         """
@@ -62,9 +62,12 @@ class MissionText:
         """
         Return the text of a mission after an edit.
 
-        Values that stay keep their notation, such as degrees, and comments beside them stay.
+        Values that stay keep their notation, such as degrees, and comments beside them stay. If
+        no such text is found, the mission is written anew.
 
-        :param text: of the mission before, as to_mission returns it.
+        :param text: text of the mission `before`.
+        :param before: mission before the edit, as to_mission returns it.
+        :param after: mission after the edit.
         """
         for list_changes in (_list_changes, _list_fields):
             with suppress(MissionFileError, yaml.YAMLError, LookupError, TypeError):
@@ -74,7 +77,7 @@ class MissionText:
         return format_document(_YAML, after)
 
     def _is_text_of(self, text: str, mission: Mission) -> bool:
-        """Return True if a text has a mission, or one that cannot be read since it is invalid."""
+        """Return True if a text has this mission, or if one of the two is invalid."""
         try:
             return to_mission(self.read(text)) == to_mission(Scenario.from_dict(mission))
         except ScenarioError:
@@ -83,9 +86,10 @@ class MissionText:
 
 def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
     """
-    Return a text whose values differ as two missions do, None if that is not found.
+    Return a text with the changes from one mission to another, or None if none is found.
 
-    :param list_changes: _list_changes, or _list_fields where other values refer to what is edited.
+    :param list_changes: _list_changes for the smallest changes, or _list_fields for whole fields,
+        if other values of the text refer to the changed ones.
     """
     wanted = read_document(_YAML, text).data
     changes = [*_list_changes(before, after)]
@@ -95,7 +99,7 @@ def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> st
         changes = [change for change in changes if change[0][0] not in _AREAS]
     for path, value in changes:
         _set_value(wanted, path, value)
-    for _ in range(_MOST_PASSES):  # An edit of what other values are merged from changes these.
+    for _ in range(_MOST_PASSES):  # An edit of an anchor also changes values merged from it.
         changes = [*list_changes(read_document(_YAML, text).data, wanted)]
         if not changes:
             return text
@@ -105,7 +109,7 @@ def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> st
 
 def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
         tuple[FieldPath, Any]]:
-    """Yield path and value of each difference of plain values, the smallest there are."""
+    """Yield (path, value) of the smallest changes from plain values to wanted ones."""
     if present == wanted:
         return
     if isinstance(present, dict) and isinstance(wanted, dict):
@@ -167,7 +171,7 @@ def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
 
 def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: Any) -> tuple[
         int, int, str]:
-    """Return start, end and the new words of the part of a text that has a value."""
+    """Return (start, end, new words) of the part of a text that sets or removes a value."""
     node, depth = root, 0
     while depth < len(path) and (child := _find_child(node, path[depth])) is not None:
         owner, node, depth = node, child, depth + 1

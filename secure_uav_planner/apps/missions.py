@@ -27,10 +27,10 @@ from ..plan.results import explain_silence
 SHORTFALL_DRAWS = 200
 """Draws of the assessment that estimates how often a slot has less than its planned rate."""
 
-_LONG_TRACK = 100.0  # Flights.
-_SHORT_TRACK = 1.0  # m
-_DEGREE = 1.0  # Degrees, beyond the extent of a mission; or m, far below it.
-_FAR = 50.0  # Lengths of a short track.
+_LONG_TRACK = 100.0  # Duration of a track, in flights, beyond which its unit may be wrong.
+_SHORT_TRACK = 1.0  # Extent of a track [m] up to which its unit may be wrong.
+_DEGREE = 1.0  # Extent below which coordinates may be degrees: a mission in m is larger.
+_FAR = 50.0  # Distance of a short track from all ends of flights, in _SHORT_TRACK.
 
 _Content = TypeVar('_Content')
 
@@ -45,7 +45,7 @@ def load_input(path: str, load: Callable[[str], _Content] = Scenario.load) -> _C
 
 
 def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
-    """Return the file of --out, or beside the plan with a default suffix, if it is writable."""
+    """Return the file of --out, by default beside the plan; raise OptionError unless writable."""
     file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
@@ -85,7 +85,7 @@ def _refusing(text: str, advice: str = '') -> Iterator[None]:
 
 
 def create_mission(options: argparse.Namespace) -> None:
-    """Write the example, or the one that the options name."""
+    """Write the example mission that the options name, by default the one with all fields."""
     path = Path(options.mission)
     if path.is_dir():
         raise OptionError(
@@ -131,7 +131,7 @@ def check_mission(options: argparse.Namespace) -> None:
 
 
 def _note_tracks(scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each track that hardly meets the flight, in time or in its unit."""
+    """Yield notes on tracks that do not cover the flight, or whose units may be wrong."""
     names = *scenario.ground_node_names, *scenario.eavesdropper_names
     tracks = [(name, receiver.track) for name, receiver in zip(
         names, (*scenario.ground_nodes, *scenario.eavesdroppers), strict=True)]
@@ -154,7 +154,7 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
 
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each group of places in m that are as close together as degrees are."""
+    """Yield a note for each group of places in m that may be degrees, within _DEGREE."""
     groups = [('starts, goals and receivers', scenario.landmarks), *(
         (name, zone.vertices) for name, zone in zip(
             scenario.zone_names, scenario.no_fly_zones, strict=True))]
@@ -167,7 +167,7 @@ def _note_degrees(scenario: Scenario) -> Iterator[str]:
 
 
 def _describe_budgets(scenario: Scenario) -> Iterator[str]:
-    """Yield for each limit of energy what share of it hovering and the straight way take."""
+    """Yield, for each max_energy, the shares that hovering and the straight way take."""
     straight = measure_energies(scenario, Problem(scenario).grid.reference_flight)
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:
@@ -188,7 +188,7 @@ def locating_errors(path: str) -> Iterator[None]:
 
 
 def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
-    """Yield a line for each parameter of an autopilot that its UAVs need changed."""
+    """Yield a line for each autopilot parameter that UAVs of the scenario need changed."""
     groups: dict[tuple[float, float | None], list[str]] = {}
     for uav in scenario.uavs:
         groups.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)

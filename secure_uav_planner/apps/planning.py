@@ -25,18 +25,18 @@ from ..plan.results import Bound
 _PICTURES = ('.png', '.svg', '.pdf')
 _PAGE = '.html'
 _MAP = '.geojson'
-_ERASE = '\033[K'  # Of the rest of a terminal's line.
-_PERIOD = 0.1  # Between two texts of the progress line, in s.
+_ERASE = '\033[K'  # Erases the rest of a terminal's line.
+_PERIOD = 0.1  # Least time between two texts of the progress line [s].
 
 
 class _Progress:
     """
     Progress line on a terminal. The first Ctrl-C stops the search, the second aborts.
 
-    A context; if its body fails, it prints the files that are written.
+    If the body of its with statement fails, it prints the files that were written.
 
     :ivar is_stopped: True after the first Ctrl-C or SIGTERM.
-    :ivar written: the files that are written.
+    :ivar written: paths of the files that were written.
     """
 
     def __init__(self) -> None:
@@ -70,19 +70,19 @@ class _Progress:
 
 @contextmanager
 def drawing(file: Path) -> Iterator[None]:
-    """Name the file in errors of drawing it, which are an OSError or a PlanningError."""
+    """Name a file in errors of drawing it; unexpected errors become a PlanningError."""
     try:
         with naming(file), name_missing_package():
             yield
     except (OSError, PlanningError, MemoryError):
         raise
-    except Exception as error:  # Of Matplotlib, for example with fonts that it cannot read.
+    except Exception as error:  # Matplotlib raises many, for example for unreadable fonts.
         raise PlanningError(f'{file} cannot be drawn: {describe_error(error)}') from None
 
 
 @contextmanager
 def drawing_if_possible(file: Path) -> Iterator[None]:
-    """Print why a file cannot be drawn, and go on without it."""
+    """Print the PlanningError of a file that cannot be drawn, instead of raising it."""
     try:
         with drawing(file):
             yield
@@ -101,7 +101,7 @@ def make_plan(options: argparse.Namespace) -> None:
     with locating_errors(options.mission), _Progress() as progress:
         plan = _find_plan(scenario, options, progress)
         scenario = plan.scenario
-        # The plan is saved first and nothing is printed before: a later failure does not lose it.
+        # The plan is saved before anything is printed or drawn: a later failure does not lose it.
         plan.save(out / 'plan.json')
         progress.written.append(out / 'plan.json')
         baselines = [] if options.no_baselines else _plan_baselines(scenario, options, progress)
@@ -130,7 +130,7 @@ def make_plan(options: argparse.Namespace) -> None:
 
 
 def _describe_proof(bound: Bound) -> str:
-    """Return how long a proof took, and what ended it before the search for a lower bound did."""
+    """Return how long a proof took, and whether a time limit or a cancel ended it early."""
     text = f'proven in {bound.solve_time:.1f} s'
     if bound.status == 'time_limit':
         text += ', when its time limit was over; a larger --bound-time-limit may prove more'
@@ -161,7 +161,7 @@ def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progr
 
 def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _Progress
                     ) -> list[Plan]:
-    """Return fly-hover-fly with both powers, as far as the limits allow."""
+    """Return fly-hover-fly with constant and with optimised power; print which one fails."""
     plans: list[Plan] = []
     for power in ('constant', 'optimised'):
         if progress.show(f'fly-hover-fly with {power} power ...', force=True):

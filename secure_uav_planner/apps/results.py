@@ -18,10 +18,10 @@ def save_tables(rows: Sequence[Row], folder: Path) -> list[Path]:
     """
     Write all rows as results.csv and, where PyArrow is installed, as results.parquet.
 
-    Each varied field and each further result has a column of its name. Fields with values of
-    several kinds, or that are neither numbers nor null, are JSON.
+    Each varied field and each further result has a column of its name. A field is written as JSON
+    unless its values, apart from null, are all numbers or all booleans.
 
-    :return: the files.
+    :return: the paths of the written files.
     """
     names = _column_names(rows)
     plain = {name for name in names if _is_plain([row['fields'].get(name) for row in rows])}
@@ -64,4 +64,4 @@ def _is_plain(values: list[Any]) -> bool:
     values = [value for value in values if value is not None]
     return all(isinstance(value, bool) for value in values) or all(
         isinstance(value, (int, float)) and not isinstance(value, bool)
-        and abs(value) <= 2.0**53 for value in values)  # Beyond, floats are no whole numbers.
+        and abs(value) <= 2.0**53 for value in values)  # Floats above 2^53 skip integers.

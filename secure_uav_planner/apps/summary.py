@@ -16,8 +16,8 @@ from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
 from ..mission.propagation import Channel, rate_name
 from ..mission.scenario import Scenario
 
-_DASHES = ('-', (0, (6, 1)), (0, (4, 1, 1, 1)))  # Of methods; baselines have their own.
-_GREY = '0.45'  # Of baselines.
+_DASHES = ('-', (0, (6, 1)), (0, (4, 1, 1, 1)))  # Line styles of methods of solve, in turn.
+_GREY = '0.45'  # Colour of baselines.
 _UNITS = {field.name: field.metadata['unit']
           for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
           for field in fields(kind)}
@@ -27,8 +27,8 @@ _WORDS = {'reference_snr_db': 'SNR at 1 m and 1 W', 'los': 'lines of sight',
           'exponent': 'path loss exponent', 'rician_k_db': 'Rician factor',
           'receiver_advantage_db': 'receiver advantage'}
 _COORDINATES = {'0': 'east', '1': 'north'}
-_MOST_LINES = 6  # Values of a second field, and panels of a third and a fourth.
-_MOST_PLACES = 3  # With missions that could not be flown, named in the figure.
+_MOST_LINES = 6  # Largest number of values of the second, third and fourth field.
+_MOST_PLACES = 3  # Largest number of places named at which missions could not be flown.
 _LATER = 'second', 'third', 'fourth'
 _LABEL_WIDTH = 40  # Letters in a line of a label.
 _QUANTILES = 0.1, 0.5, 0.9
@@ -46,10 +46,10 @@ def draw_figure(rows: Sequence[Row]) -> Any:
     """
     Return a Figure of the rates over the first field with several numbers, or histograms.
 
-    Each maximised rate has axes of its own, with the rows that are compared by it: a line for each
-    method and each value of a second field that has few. A third field has a column of axes for
-    each value, a fourth a row. Lines are medians; thin lines hold eight of ten missions. A hollow
-    point lacks missions that could not be flown; a cross on the axis lacks all.
+    Each objective has axes of its own, with a line for each method and each value of a second
+    field with few values. A third field has a column of axes for each value, a fourth field a row.
+    Lines are medians; thin lines hold eight of ten missions. At a hollow point, some missions
+    could not be flown; at a cross on the axis, none could.
     """
     from ..output.figures import own_settings
     with own_settings():
@@ -76,7 +76,7 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
     is_split = later[1] is not None
     rates = [rate for rate in OBJECTIVES if rate in set(frame.objective)]
     columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _LATER[1:])
-    # Few panels are large; rates without a third field are beside each other.
+    # One or two panels in a row are large. Without a third field, objectives share a row.
     places = [(rate, line, column) for line in lines for rate in rates for column in columns]
     width = max(1, len(columns) if is_split else len(rates))
     height = max(1, len(places) // width)
@@ -109,7 +109,7 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
 
 
 def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | None]) -> Any:
-    """Return a DataFrame of the rows, whose rate is missing where a mission was not flown."""
+    """Return a DataFrame of the rows; the rate of a mission that was not flown is missing."""
     from pandas import DataFrame
     frame = DataFrame([{
         'objective': row['objective'], 'rate': row[f'{row["objective"]}_rate'] if (
@@ -118,7 +118,7 @@ def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | Non
         'method': row['method'], 'x': row['fields'].get(name),
         **{part: _label_value(row, field) for part, field in zip(_LATER, later)}}
         for row in rows], columns=['objective', 'rate', 'promise', 'method', 'x', *_LATER])
-    # Missions that were not flown have no promise of their own.
+    # A mission that was not flown has no promise, and takes the promise of its group.
     frame.promise = frame.groupby(['method', 'x', 'second'], dropna=False).promise.transform(
         lambda group: group.ffill().bfill())
     if frame.promise.nunique() > 1:
@@ -159,7 +159,7 @@ def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add a legend for all axes, above them, where it covers nothing, with what lines mean."""
+    """Add one legend above all axes, with notes on what lines and points mean."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen
@@ -217,7 +217,7 @@ def _unit(field: str) -> str:
 
 
 def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
-    """Return the first field of the grid with numbers, and three later with few values."""
+    """Return the first varied field with numbers and three later with few values, or None."""
     samples = len({row['sample'] for row in rows})
     counts = {}
     for name in rows[0]['fields'] if rows else ():

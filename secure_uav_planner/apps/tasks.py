@@ -41,14 +41,14 @@ ERROR, WORKER_LOST = 'error', 'worker_lost'
 """Outcomes of infrastructure failures (memory, disk, worker); such missions are retried."""
 
 FAULT = 'fault'
-"""Outcome of an error in the code of this package, or of a planner of one's own."""
+"""Outcome of an error in the code of this package, or of the user's own planner."""
 
 _QUEUE_LENGTH = 4  # Submitted tasks for each worker of a cluster.
-_CONNECT_TIMEOUT = 15.0  # In s.
+_CONNECT_TIMEOUT = 15.0  # Time in which a scheduler must answer [s].
 
 
 class ClusterError(PlanningError, RuntimeError):
-    """Workers were lost; what is finished is kept."""
+    """Workers or the scheduler were lost; finished missions are kept."""
 
     code = 'cluster'
 
@@ -72,14 +72,14 @@ def make_task(mission: Mapping[str, Any], method: str, objective: str,
 
 def load_scheme(name: str) -> Callable[[Scenario], Plan]:
     """
-    Import a planner of one's own, a function from a Scenario to a Plan.
+    Import the user's own planner, a function from a Scenario to a Plan.
 
     :param name: `module:function`.
     :raises OptionError: when it cannot be imported.
     """
     try:
         scheme = resolve_name(name)
-    except Exception as error:  # Of any kind: it is the user's module.
+    except Exception as error:  # The user's module may raise any error.
         raise OptionError(f'{name} cannot be imported: {describe_error(error)}; its module must '
                           'be installed or in a folder that PYTHONPATH names') from None
     if not callable(scheme):
@@ -96,7 +96,8 @@ def run_task(task: Task) -> Row:
     """
     Return the Row of a task; a failure is a Row with its reason.
 
-    It may have 'more', further results by name, and has 'plan', the Plan, if the task has 'plans'.
+    The Row may have 'more', further results by name. If the task has 'plans' and succeeds, the Row
+    has 'plan', the Plan.
     """
     started = time.monotonic()
     row = _make_row(task)
@@ -132,7 +133,7 @@ def _solve_task(task: Task) -> Row:
     results: Row = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
         'promise': scenario.channel.promise, 'status': plan.status,
-        'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
+        'iterations': max(0, len(plan.history) - 1),  # A history begins with the start.
         'solve_time': plan.solve_time}
     results['rate'] = results[f'{objective}_rate']
     more = _energy_columns(plan)
@@ -193,7 +194,8 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
     """
     Yield the rows of tasks as they finish on a Dask cluster, whose workers need this package.
 
-    A task whose worker dies is given to another; after a few deaths it is a Row with that reason.
+    A task whose worker dies is given to another worker. After several deaths, its Row has the
+    outcome WORKER_LOST.
 
     :param cluster: a client, or the address of the scheduler, such as tcp://host:8786.
     :raises MissingPackageError: when Dask is not installed.
@@ -215,7 +217,8 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
         def submit(count: int) -> list[Any]:
             futures = []
             for task in islice(queue, count):
-                # A scheduler may still be forgetting the tasks of a driver that was killed.
+                # The client's id makes the key unique: a scheduler may still know the tasks of a
+                # client that was killed.
                 future = client.submit(
                     run_task, task, key=f'mission-{task["key"]}-{client.id}', pure=False)
                 submitted[future.key] = task
@@ -227,7 +230,7 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
                 submit(_QUEUE_LENGTH * max(1, sum(client.nthreads().values()))))
             for future in finished:
                 if future.status in ('pending', 'lost'):
-                    # Its worker died after it had finished the task, which is run again.
+                    # The worker died after it had finished the task; Dask runs the task again.
                     finished.add(future)
                     continue
                 task = submitted.pop(future.key)
