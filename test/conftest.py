@@ -54,7 +54,7 @@ OPTIONAL = {
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
     'test_explore.py': ['dash', 'plotly', 'selenium'],
-    'test_flown.py': ['matplotlib', 'pymavlink', 'pyulog', 'rosbags'],
+    'test_flown.py': ['matplotlib', 'plotly', 'pymavlink', 'pyulog', 'rosbags'],
     'test_fly.py': ['rotorpy'],
     'test_measured.py': ['casadi'],
     'test_page.py': ['plotly', 'selenium'],

@@ -186,9 +186,13 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source]) == 0
     assert 'tracking_margin' in capsys.readouterr().out
     assert (tmp_path / 'plan.flown.png').stat().st_size > 10_000
+    page = tmp_path / 'flown.html'
+    assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source, '-o', str(page)]) == 0
+    assert page.read_text().count('"name":"flown"') == 3  # Two ways and the rates.
     short = fly(plan, DELAY, OFFSET, after=-40.0)
     write_csv(short, tmp_path / 'short.csv', START_NS * 1e-9)
     command = ['assess', str(tmp_path / 'plan.json'), '--flown', str(tmp_path / 'short.csv')]
+    capsys.readouterr()
     assert main([*command, '--json']) == 3
     assert 0.5 < json.loads(capsys.readouterr().out)['coverage'] < 0.7
     assert main([*command[:-1], str(tmp_path / 'none.csv')]) in (1, 2)

@@ -4,19 +4,20 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import fields, replace
 import json
+from pathlib import Path
 import re
 from typing import Any
 
 from .missions import choose_picture
 from .planning import drawing_if_possible
 from ..assessment import assess, World
-from ..assessment.flown import compare, read_flight
+from ..assessment.flown import compare, Comparison, read_flight
 from ..errors import OptionError, quote, ScenarioError
 from ..mission.propagation import Channel
 from ..output.tables import assessment_table
 from ..plan.plan import Plan
 
-_PICTURES = ('.png', '.svg', '.pdf')
+_PICTURES, _PAGE = ('.png', '.svg', '.pdf'), '.html'
 _BROKEN, _UNCOVERED = 1, 3  # Exit statuses.
 
 
@@ -77,16 +78,24 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)
     print(json.dumps(comparison.to_dict(), indent=2) if options.json else comparison.summary())
-    file = choose_picture(options, '.flown.png', _PICTURES)
+    file = choose_picture(options, '.flown.png', (*_PICTURES, _PAGE))
     if options.out or not options.json:
         with drawing_if_possible(file):
-            from ..output.flown_picture import save_comparison
-            save_comparison(comparison, file)
+            _save_view(comparison, file)
             if not options.json:
                 print(f'\nwritten: {file}')
     if comparison.broken.any():
         return _BROKEN
     return None if comparison.covered.all() else _UNCOVERED
+
+
+def _save_view(comparison: Comparison, file: Path) -> None:
+    if file.suffix.lower() == _PAGE:
+        from ..output.page import save_page
+        save_page(comparison.plan, file, comparison=comparison)
+    else:
+        from ..output.flown_picture import save_comparison
+        save_comparison(comparison, file)
 
 
 def _parse_logs(words: Sequence[str]) -> Any:

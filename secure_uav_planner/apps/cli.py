@@ -247,8 +247,8 @@ plan allows for. With --flown, it compares a flight with the plan instead.""", {
         '--shift': {'nargs': '+', 'metavar': 'UAV=X,Y', 'help': "place of the origin of a log's "
                     "frame in the plan's frame, in m (default: both are one)"},
         '--json': {'action': 'store_true', 'help': 'print the numbers of the flight as JSON'},
-        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
-               '.assess.png beside the plan)'},
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write, or for a flight a '
+               'web page (.html) (default: a .assess.png or .flown.png beside the plan)'},
         '--draws': {'type': _whole, 'default': 1000, 'metavar': 'D',
                     'help': 'how many worlds (default: %(default)s)'},
         '--seed': {'type': _whole, 'default': 0, 'metavar': 'S',

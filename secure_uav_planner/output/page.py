@@ -57,13 +57,14 @@ _JUMP = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
 
 
-def save_page(plan, path, baselines=()):
+def save_page(plan, path, baselines=(), comparison=None):
     """
     Write the web page of a Plan, beside Plans of the same mission, to a self-contained HTML file.
 
+    :param comparison: a Comparison of the plan with a flight, which is drawn as well.
     :raises OSError: as atomic_file does.
     """
-    figure = draw_page(plan, baselines)
+    figure = draw_page(plan, baselines, comparison)
     title = figure.layout.title.text
     figure.layout.title = None  # Text of the document is wrapped, that of Plotly is not.
     (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
@@ -78,7 +79,7 @@ def save_page(plan, path, baselines=()):
         file.write(document)
 
 
-def draw_page(plan, baselines=()):
+def draw_page(plan, baselines=(), comparison=None):
     """Return the plotly Figure of a plan, with a frame for each point, at most _MOST_FRAMES."""
     content = PlanTraces(plan)
     figure = make_subplots(
@@ -89,6 +90,8 @@ def draw_page(plan, baselines=()):
     on_map = [*content.map_traces(), *content.path_traces()]
     static = [*content.baseline_traces(baselines), *((trace, None) for trace in on_map),
               *content.chart_traces(), (sample, None)]
+    if comparison is not None:
+        static += content.flown_traces(comparison)
     for trace, row in (*static, *content.moving_traces(0)):
         figure.add_trace(trace, row or 1, 2 if row else 1)
     numbers = list(range(len(static), len(figure.data)))

@@ -76,6 +76,16 @@ class PlanTraces:
                     self.plan.times.tolist(), self.powers[index])],
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
+    def flown_traces(self, comparison):
+        """Yield the way that each UAV flew, and the rates achieved, each with its row."""
+        style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
+                 'line': {'color': EAVESDROPPER, 'width': 1}}
+        for index, path in enumerate(comparison.flight.positions):
+            yield _scatter(path[:, :2], showlegend=not index, **style), None
+        rates = np.where(comparison.covered, comparison.achieved['guaranteed'].sum(axis=0), np.nan)
+        yield go.Scatter(x=self.plan.times[1:-1].tolist(), y=rates.tolist(), showlegend=False,
+                         line_shape='hv', **style), 2
+
     def baseline_traces(self, baselines):
         """Yield paths and guaranteed rates of baselines in grey, each with its row; see above."""
         drawn = [baseline for baseline, _ in distinct_paths(baselines)]
