@@ -53,7 +53,8 @@ def test_the_default_is_the_rotary_wing_of_the_paper(speed):
 
 
 @pytest.mark.parametrize('acceleration, slots, tolerance', [
-    (None, 30, 1e-9), (1.0, 120, 1e-6), (3.0, 120, 1e-6), (3.0, 30, 1e-3)])
+    (None, 30, 1e-9), (1.0, 120, 1e-6), (3.0, 120, 1e-6), (3.0, 30, 1e-6), (3.0, 12, 1e-6),
+    (9.0, 40, 1e-6)])
 def test_the_energy_is_the_integral_along_the_curve(acceleration, slots, tolerance):
     scenario = with_uavs(add_propulsion(
         Scenario.paper(120.0, slots=slots), fuselage_drag_ratio=0.1),

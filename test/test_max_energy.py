@@ -12,6 +12,7 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
+from secure_uav_planner.model.curve import add_end_moves
 from secure_uav_planner.model.limits.energy import measure_energies
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint import energy, method
@@ -77,10 +78,10 @@ def test_a_solve_that_ends_early_has_a_plan_within_the_budget(monkeypatch, place
     whole = getattr(*place)
 
     def call_and_cancel(driver, *arguments):
-        if place[0] is not method:  # Else before there is a plan without the budget.
-            whole(driver, *arguments)
+        # The first search is not begun: then there is no plan without the budget.
+        answer = 'cancelled' if place[0] is method else whole(driver, *arguments)
         getattr(driver, 'driver', driver).incumbent.deadline.is_cancelled = True
-        return 'cancelled'
+        return answer
 
     monkeypatch.setattr(*place, call_and_cancel)
     plan = solve(make_paper(150.0, 20e3), objective=objective, time_limit=1000.0)
@@ -152,6 +153,31 @@ def test_a_rest_of_a_plan_has_the_rest_of_its_budget():
     assert replan.rate > stay.rate
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_the_worst_case_is_never_below_that_of_the_guaranteed_plan_within_budgets(seed):
+    rng, slots = np.random.default_rng(seed), 30
+    scenario = replace(make_mission(seed), slots=slots, no_fly_zones=(), separation=0.0)
+    free, direct = (measure_energies(scenario, positions) for positions in (
+        solve(scenario).positions, Problem(scenario).grid.reference_flight))
+    budgets = np.minimum(free, direct) - rng.uniform(0.0, 0.03) * free
+    limited = replace(scenario, uavs=tuple(replace(uav, max_energy=budget) for uav, budget in zip(
+        scenario.uavs, budgets.tolist())))
+    guaranteed = solve(limited, objective='guaranteed')
+    assert solve(limited).rate >= guaranteed.worst_case_rate
+
+
+def test_a_budget_little_above_the_least_energy_in_long_slots_is_planned():
+    """Both UAVs have budgets 0.6 and 1.6% above the least known energies, in slots of 4.9 s."""
+    uavs = [Uav(name, start, goal, altitude, 7.57, 3.0, 6.0, max_acceleration=acceleration,
+                propulsion=Propulsion(), max_energy=budget)
+            for name, start, goal, altitude, acceleration, budget in (
+                ('u0', (-140.9, -201.2), (39.8, -78.8), 97.9, 1.28, 22111.0),
+                ('u1', (212.0, 290.1), (33.7, -123.3), 71.7, 3.5, 22245.0))]
+    scenario = Scenario((35.1, 87.6), (Eavesdropper((90.0, 115.0), 60.0),), uavs, 156.68, 32)
+    plan = solve(scenario, objective='guaranteed')
+    assert plan.rate > 0 and (integrate(plan) <= [22111.0, 22245.0]).all()
+
+
 def test_the_shortest_flight_that_delivers_keeps_budgets():
     plan = shortest_duration(make_paper(150.0, 20e3), 250.0, objective='guaranteed')
     assert 'this suffices for 250 bit/Hz' in plan.message
@@ -175,7 +201,15 @@ def test_the_price_in_the_kernel_is_that_of_the_energy_along_the_curve(velocity)
         return value[0], gradient[0]
 
     def price(x):
-        return prices @ measure_energies(scenario, grid.positions(x))
+        """Return the price by Simpson's rule, and check that it is near that of the energies."""
+        moves = add_end_moves(np.diff(grid.positions(x), axis=1) / grid.slot_duration,
+                              scenario.end_velocities)
+        powers = Propulsion().power(np.linalg.norm([
+            moves[:, :-1], (moves[:, :-1] + moves[:, 1:]) / 2, moves[:, 1:]], axis=-1))
+        simpson = grid.slot_duration / 6 * (np.array([[[1.0]], [[4.0]], [[1.0]]]) * powers).sum(
+            axis=(0, 2))
+        assert simpson == pytest.approx(measure_energies(scenario, grid.positions(x)), rel=1e-4)
+        return prices @ simpson
 
     (value, gradient), (plain, plain_gradient) = evaluate(x, prices), evaluate(x, None)
     for _ in range(3):

@@ -51,6 +51,11 @@ class Deadline:
         """Time until the end in s, infinite without a limit."""
         return self._time_limit - self.elapsed
 
+    @property
+    def may_end(self) -> bool:
+        """Whether the call may have to end early: it has a time limit or a callback."""
+        return self._callback is not None or math.isfinite(self._time_limit)
+
     def report(self, iteration: Iteration) -> None:
         """Call the callback, which may cancel."""
         self._last, self._last_call = iteration, self.elapsed

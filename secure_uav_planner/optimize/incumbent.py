@@ -127,10 +127,10 @@ class Incumbent:
         return Incumbent(self.problem, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
-    def without_energy_limits(self) -> 'Incumbent':
+    def without_energy_limits(self, objective: Objective) -> 'Incumbent':
         """Return an incumbent without limits of energy, from the present iterate, as a part."""
         return Incumbent(Problem(lift_limits(self.scenario)), self.positions, self.powers,
-                         self.deadline, self.warm, self.objective, parent=self)
+                         self.deadline, self.warm, objective, parent=self)
 
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""

@@ -18,7 +18,7 @@ TOLERANCE = 1e-6
 
 
 class EnergyLimit(Limit):
-    """The energy of a flight, by Simpson's rule in each slot, is at most its limit."""
+    """The energy of a flight along its curve is at most its limit."""
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
@@ -73,6 +73,8 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
 def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
     """
     Return the kernel's form of the energy at a price, by Simpson's rule in each slot.
+
+    It only leads the search: in slots of 4 s it may be 0.4% off what the limit counts.
 
     Slots begin and end with moves of the path, and in their middle have the mean of both.
 

@@ -1,13 +1,14 @@
 """
 Limits of energy: prices on energy in the objective, found so that the budgets hold.
 
-A price is a smooth term that couples neighbouring slots only and needs no feasible start. Flying
-takes less energy than hovering, but hovering is nearly stationary at any price: starts are the
-best flights without the limits, with circles where they hover. The first price is high, so that
-circles stay.
+A price is a smooth term that couples neighbouring slots only and needs no feasible start. Which
+optimum a flight ends in depends on its start more than on anything else, so there are several: the
+best flights without the limits, for (P2) and for (P1), as they are and with circles where they
+hover. Flying takes less energy than hovering, but hovering is nearly stationary at any price. A
+high first price keeps the circles; the first price of flights as they are is low.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import math
 from typing import TypeAlias
@@ -27,51 +28,76 @@ from ...plan.plan import Status
 CIRCLES = ((0.0, 1), (2 * math.pi / 3, -1), (4 * math.pi / 3, 1))
 """Starts: directions of the centres of circles from where UAVs hover, in rad, and senses."""
 
-SLOW = 0.25  # Share of the largest speed below which a UAV counts as hovering.
-SPEED = 0.7  # Of circles, in shares of the largest,
-TURNING, SPEEDING = 0.6, 0.5  # with these shares of the acceleration across and along.
-FIRST_PRICE = 0.5  # Of a budget, in shares of all that is delivered.
+SLOW = 0.25
+"""A UAV hovers if it is slower than this share of its largest speed."""
+
+CIRCLE_SPEED, TURNING, SPEEDING = 0.7, 0.6, 0.5
+"""Speed of circles as a share of the largest; shares of the acceleration across and along."""
+
+FIRST_PRICE, LOW_PRICE, WORST_PRICE = 0.5, 0.1, 0.03
+"""
+First prices of circles, of flights as they are, and of these for (P1).
+
+They are prices of a whole budget, as shares of all that is delivered.
+"""
+
 FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
-PRICES, LATER_PRICES = 8, 4  # The most prices from a start, and from one that keeps budgets.
+PRICES, LATER_PRICES = 4, 4  # The most prices from a start, and from one that keeps budgets.
 UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
-RAISE = 10.0  # By which prices are raised, twice, where they are too low for circles to stay.
+RAISE = 10.0  # Ratio by which prices that leave no flight within the budgets are raised,
+RAISES = 2  # at most so many times.
 STEPS = 30  # The most Newton steps at a price.
-SHARE = 0.01  # Of the slack that a start at another price leaves,
-MU, FIRST_MU = 1e-3, 1e-2  # and barrier parameters, there and at the first price.
+SHARE = 0.01  # Share of its slack that a start at another price leaves.
+MU, FIRST_MU = 1e-3, 1e-2  # Barrier parameters at a price and at the first price of a start.
+POLISHES, GAIN = 3, 1e-3  # The most polishes of the best plan, while each gains this share.
 
 _Descend: TypeAlias = Callable[[SolverDriver, Array, float], Array]
 """Descends at a SolverDriver's prices from starts (S, N, U, 3), and a barrier parameter, on."""
 
 
-def improve_within_energy(driver: SolverDriver, free: Incumbent | None) -> Status:
+def improve_within_energy(driver: SolverDriver, frees: Sequence[Incumbent]) -> Status:
     """
     Improve the incumbent of a SolverDriver, which has limits of energy.
 
-    :param free: the best incumbent without them; None where a feasible start is to be improved.
+    :param frees: the best incumbents without them; none where a feasible start is to be improved.
     :raises InfeasibleMissionError: when no flights are found that keep them.
     """
     incumbent = driver.incumbent
-    search = _build_search(driver, incumbent.rate if free is None else free.rate)
+    search = _build_search(driver, frees[0].rate if frees else incumbent.rate)
     plan = search.driver.incumbent
     try:
-        if free is None:
-            search.improve(search.prices)
-        else:
-            flights, prices = search.begin(free)
-            for x in flights:
-                search.find_prices(x, prices)
+        for x, prices in search.generate_starts(frees):
+            inside = search.find_prices(x, prices)
+            if inside is not None and incumbent is not plan:
+                driver.try_variables(inside)
+        if not frees:
+            search.improve(MU)
+        before = 0.0
+        for _ in range(POLISHES if frees else 0):
+            if not plan.rate > (1 + GAIN) * before:
+                break
+            before = plan.rate
+            search.improve(FIRST_MU)
     finally:
-        incumbent.try_improve(plan.positions, plan.useful_powers)
+        if math.isfinite(plan.rate):
+            incumbent.try_improve(plan.positions, plan.useful_powers)
+    if math.isinf(plan.rate):
+        search.refuse()
     if incumbent.objective == 'worst_case':
-        _PriceSearch(driver, descend_by_exchange, incumbent.rate).improve(search.prices)
+        plan.try_idle_slots()  # As the plan of (P2) is returned, which (P1) is never below.
+        incumbent.try_improve(plan.positions, plan.useful_powers)
+        worst = _PriceSearch(driver, descend_by_exchange, incumbent.rate)
+        worst.prices = search.prices
+        worst.improve(FIRST_MU if frees else MU)
+        for x, prices in worst.keep_flight(frees[-1], WORST_PRICE) if frees else ():
+            worst.find_prices(x, prices, LATER_PRICES)
     return 'converged'
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Try the incumbent of a SolverDriver with circles at a high price; see _PriceSearch.begin."""
+    """Try the incumbent of a SolverDriver with circles at a high price."""
     search = _build_search(driver, 0.0)
-    flights, _ = search.begin(driver.incumbent, CIRCLES[:1])
-    for x in flights:
+    for x, _ in search.add_circles(driver.incumbent, CIRCLES[:1]):
         driver.try_variables(x)
     return 'converged'
 
@@ -97,7 +123,7 @@ class _PriceSearch:
     Every flight is proposed to the SolverDriver's incumbent, which keeps those within the budgets.
 
     :param rate: that a plan may have, in bit/s/Hz.
-    :ivar prices: those of the incumbent, or first ones, in nats per J, (U,).
+    :ivar prices: at which the incumbent was found, or first prices, in nats per J, (U,).
     """
 
     def __init__(self, driver: SolverDriver, descend: _Descend, rate: float) -> None:
@@ -110,42 +136,75 @@ class _PriceSearch:
             np.log(2) * rate, driver.grid.rate)
         self.prices = FIRST_PRICE * self._unit
 
-    def improve(self, prices: Array) -> None:
-        """Improve the incumbent from where it is, from prices on."""
-        incumbent = self.driver.incumbent
-        x = self._descend_at(prices, [(incumbent.positions, incumbent.powers)], MU)
+    def improve(self, mu: float) -> None:
+        """Improve the incumbent from its flight and prices, and a barrier parameter, on."""
+        incumbent, prices = self.driver.incumbent, self.prices
+        x = self._descend_at(prices, [(incumbent.positions, incumbent.powers)], mu)
         self.find_prices(x[0], prices, LATER_PRICES)
 
-    def begin(self, free: Incumbent, circles: Sequence[tuple[float, int]] = CIRCLES
-              ) -> tuple[Array, Array]:
+    def generate_starts(self, frees: Sequence[Incumbent]) -> Iterator[tuple[Array, Array]]:
         """
-        Return flights (S, N, U, 3) from an incumbent with circles where it hovers, and prices.
+        Yield flights, variables (N, U, 3), that have descended at prices (U,), and these.
 
-        At these, each flight keeps all limits; or there is a single one, of each UAV's flight that
-        takes the least.
-
-        :raises InfeasibleMissionError: when no flights are found that keep the limits.
+        :param frees: incumbents without limits of energy.
         """
+        for free in frees:
+            with suppress(NumericalError):
+                yield from self.add_circles(free, CIRCLES)
+            yield from self.keep_flight(free, LOW_PRICE)
+        if math.isinf(self.driver.incumbent.rate):
+            with suppress(NumericalError):
+                yield from self._save_energy(frees[0].powers if frees else (
+                    self.driver.incumbent.powers))
+
+    def keep_flight(self, free: Incumbent, price: float) -> Iterator[tuple[Array, Array]]:
+        """Yield the flight of a free incumbent, as generate_starts, at a share of budgets."""
+        with suppress(NumericalError):
+            prices = price * self._unit
+            [x] = self._descend_at(prices, [(free.positions, free.powers)], FIRST_MU)
+            yield x, prices
+
+    def add_circles(self, free: Incumbent, circles: Sequence[tuple[float, int]]
+                    ) -> Iterator[tuple[Array, Array]]:
+        """Yield flights and prices, as generate_starts, with circles where a free one hovers."""
         flights = [add_circles(self._scenario, free.positions, *circle) for circle in circles]
         if np.array_equal(flights[0], flights[-1]):
             flights = flights[:1]  # No UAV hovers.
-        starts = [(flight, free.powers) for flight in flights]
-        prices, grid = self.prices, self.driver.grid
-        for raised in (1, RAISE, RAISE**2):
-            x = self._descend_at(prices, starts, raised * FIRST_MU)
-            energies = np.array([measure_energies(self._scenario, grid.positions(start))
-                                 for start in x])
-            self._least = np.minimum(self._least, energies.min(axis=0))
+        return self._raise_prices([(flight, free.powers) for flight in flights])
+
+    def _save_energy(self, powers: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield flights, as generate_starts, from direct ones with circles all the way."""
+        flights = [self.driver.incumbent.problem.retract(add_circles(
+            self._scenario, self.driver.grid.reference_flight, *circle, slow=math.inf))
+            for circle in CIRCLES]
+        return self._raise_prices([(flight, powers) for flight in flights])
+
+    def _raise_prices(self, starts: Sequence[tuple[Array, Array]]
+                      ) -> Iterator[tuple[Array, Array]]:
+        """
+        Yield flights and prices, as generate_starts, at the first prices that keep budgets.
+
+        Where each UAV keeps its budget in another flight, there is one of all their flights. Where
+        none does at the highest prices, there is no flight.
+
+        :param starts: positions and powers.
+        """
+        prices = self.prices.copy()
+        for _ in range(1 + RAISES):
+            x = self._descend_at(prices, starts, FIRST_MU * (prices / self.prices).max())
+            energies = np.array([self._measure(start) for start in x])
             over = energies.min(axis=0) > self._budgets
             if not over.any():
                 break
             prices = np.where(over, RAISE * prices, prices)
         else:
-            raise_all(_refuse_budgets(self._scenario, self._least))
+            return
         within = (energies <= self._budgets).all(axis=1)
-        # Else of each UAV the flight that takes the least.
-        return x[within] if within.any() else x[
-            energies.argmin(axis=0), :, np.arange(len(over))].swapaxes(0, 1)[None], prices
+        if not within.any():
+            x = x[energies.argmin(axis=0), :, np.arange(len(over))].swapaxes(0, 1)[None]
+            within = np.array([True])
+        for start in x[within]:
+            yield start, prices
 
     def _descend_at(self, prices: Array, starts: Sequence[tuple[Array, Array]], mu: float
                     ) -> Array:
@@ -161,9 +220,9 @@ class _PriceSearch:
             raise NumericalError('no flight strictly inside the limits was found')
         return self._descend(driver, np.array(inside), mu)
 
-    def find_prices(self, x: Array, prices: Array, most: int = PRICES) -> None:
+    def find_prices(self, x: Array, prices: Array, most: int = PRICES) -> Array | None:
         """
-        Find prices for which flights use up their budgets.
+        Find prices for which flights use up their budgets; return the last flight within all.
 
         :param x: variables (N, U, 3) that have descended at prices.
         :param most: number of prices.
@@ -171,7 +230,7 @@ class _PriceSearch:
         grid = self.driver.grid
         bounds = np.stack([np.zeros_like(prices), np.full_like(prices, math.inf)])
         excesses = np.stack([np.ones_like(prices), -np.ones_like(prices)])
-        inside = None  # The last flight within all budgets; from others, UAVs hover again.
+        inside = None  # From flights beyond budgets, UAVs hover again.
         for _ in range(most):
             excess = self._propose(x, prices)
             over = excess > 0
@@ -185,6 +244,7 @@ class _PriceSearch:
                 break
             prices = np.where(settled, prices, _choose_prices(bounds, excesses))
             x = self._descend_at(prices, [(grid.positions(start), grid.powers(start))], MU)[0]
+        return inside
 
     def _propose(self, x: Array, prices: Array) -> Array:
         """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""
@@ -193,9 +253,17 @@ class _PriceSearch:
         self.driver.try_variables(x)
         if incumbent.rate > before:
             self.prices = prices
+        return self._measure(x) / self._budgets - 1
+
+    def _measure(self, x: Array) -> Array:
+        """Return the energies of variables (N, U, 3), (U,) in J, and remember the least."""
         energies = measure_energies(self._scenario, self.driver.grid.positions(x))
         self._least = np.minimum(self._least, energies)
-        return energies / self._budgets - 1
+        return energies
+
+    def refuse(self) -> None:
+        """Raise the errors of the UAVs whose least energies are above their budgets."""
+        raise_all(_refuse_budgets(self._scenario, self._least))
 
 
 def _choose_prices(bounds: Array, excesses: Array) -> Array:
@@ -222,7 +290,8 @@ def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissi
         for index in np.argsort(-excess) if excess[index] > 0 or excess.max() <= 0]
 
 
-def add_circles(scenario: Scenario, positions: Array, direction: float, sense: int) -> Array:
+def add_circles(scenario: Scenario, positions: Array, direction: float, sense: int,
+                slow: float = SLOW) -> Array:
     """
     Return flights with circles where UAVs hover, (U, N+2, 2) in m.
 
@@ -232,15 +301,16 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
     :param positions: (U, N+2, 2) in m.
     :param direction: of the centres from the places, in rad from that of the goal.
     :param sense: 1 for counterclockwise, -1 for clockwise.
+    :param slow: a UAV hovers if it is slower than this share of its largest speed.
     """
     step, flights = scenario.slot_duration, positions.copy()
     for uav, flight in zip(scenario.uavs, flights, strict=True):
         assert uav.max_acceleration is not None
         away = direction + math.atan2(uav.goal[1] - uav.start[1], uav.goal[0] - uav.start[0])
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
-        slow = np.concatenate([[False], speeds < SLOW * uav.max_speed, [False]])
-        ends = np.flatnonzero(np.diff(slow.astype(int)))
-        top, gain = SPEED * uav.max_speed, SPEEDING * uav.max_acceleration
+        hovers = np.concatenate([[False], speeds < slow * uav.max_speed, [False]])
+        ends = np.flatnonzero(np.diff(hovers.astype(int)))
+        top, gain = CIRCLE_SPEED * uav.max_speed, SPEEDING * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
             speed = np.minimum(top, gain * np.minimum(times, times[-1] - times))

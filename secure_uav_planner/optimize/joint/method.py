@@ -5,7 +5,6 @@ Several starts are improved for problem (P2), `multistart.py`; where (P1) is the
 best plans are then improved for it, `exchange.py`. Limits of energy are kept last, `energy.py`.
 """
 
-from contextlib import suppress
 import math
 
 from .energy import find_within_energy, improve_within_energy
@@ -15,6 +14,7 @@ from .multistart import improve_by_multistart, improve_incumbent, improve_powers
 from ..deadline import run_to_end
 from ..incumbent import Incumbent
 from ...errors import InfeasibleMissionError
+from ...mission import OBJECTIVES
 from ...plan.plan import Status
 
 
@@ -32,10 +32,18 @@ def improve(incumbent: Incumbent) -> Status:
         return _improve_guaranteed(driver)
     if incumbent.warm:
         return run_to_end(improve_by_exchange, driver)
-    # The plan of (P2) is where (P1) begins, and what it is never below.
     guaranteed = SolverDriver(incumbent.with_objective('guaranteed'))
-    plan = guaranteed.incumbent
     _improve_guaranteed(guaranteed)
+    return _improve_worst_case(driver, guaranteed)
+
+
+def _improve_worst_case(driver: SolverDriver, guaranteed: SolverDriver) -> Status:
+    """
+    Improve the incumbent of a SolverDriver for (P1), and never leave it below the plan of (P2).
+
+    :param guaranteed: the driver that has found the plan of (P2), from which this begins.
+    """
+    incumbent, plan = driver.incumbent, guaranteed.incumbent
     incumbent.try_improve(plan.positions, plan.useful_powers)
     status = run_to_end(improve_by_exchange, driver, guaranteed.optima)
     if not incumbent.deadline.is_over():
@@ -45,23 +53,39 @@ def improve(incumbent: Incumbent) -> Status:
 
 
 def _improve_within_energy(driver: SolverDriver) -> Status:
-    """Improve the incumbent of a SolverDriver whose scenario has limits of energy; see improve."""
-    incumbent, free = driver.incumbent, None
-    if not incumbent.warm or math.isinf(incumbent.rate):
-        free = incumbent.without_energy_limits()
-        if math.isfinite(incumbent.deadline.time_left):
-            with suppress(InfeasibleMissionError):  # So that there is a plan if time is short.
-                run_to_end(find_within_energy, driver)
-        status = improve(free)
-        incumbent.try_improve(free.positions, free.useful_powers)
-        if incumbent.problem.keeps_energy(free.positions):
-            return status
-    status = run_to_end(improve_within_energy, driver, free)
+    """
+    Improve the incumbent of a SolverDriver whose scenario has limits of energy; see improve.
+
+    The search for (P2) is the same for both objectives, so that (P1) is never below it.
+    """
+    incumbent = driver.incumbent
+    if incumbent.warm and math.isfinite(incumbent.rate):
+        return run_to_end(improve_within_energy, driver, ())
+    if incumbent.deadline.may_end:  # So that there is a plan if time is short.
+        run_to_end(find_within_energy, driver)
+    guaranteed, worst_case = (SolverDriver(incumbent.without_energy_limits(objective))
+                              for objective in OBJECTIVES)
+    drivers = [guaranteed]
+    status = _improve_guaranteed(guaranteed)
+    if incumbent.scenario.receivers.radii.any() and not (
+            incumbent.objective == 'guaranteed' and _is_within_energy(incumbent, guaranteed)):
+        drivers.append(worst_case)
+        status = _improve_worst_case(worst_case, guaranteed)
+    for free in drivers:
+        incumbent.try_improve(free.incumbent.positions, free.incumbent.useful_powers)
+    if all(_is_within_energy(incumbent, free) for free in drivers):
+        return status
+    status = run_to_end(improve_within_energy, driver, [free.incumbent for free in drivers])
     if math.isinf(incumbent.rate):
         incumbent.deadline.raise_if_over()
         raise InfeasibleMissionError(
             'no flights were found that keep max_energy and all other limits', ('uavs',))
     return status
+
+
+def _is_within_energy(incumbent: Incumbent, free: SolverDriver) -> bool:
+    """Return True if the flights of a SolverDriver keep the limits of an incumbent's energy."""
+    return incumbent.problem.keeps_energy(free.incumbent.positions)
 
 
 def _improve_guaranteed(driver: SolverDriver) -> Status:
