@@ -44,8 +44,7 @@ They are prices of a whole budget, as shares of all that is delivered.
 FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
 PRICES, LATER_PRICES = 4, 4  # The most prices from a start, and from one that keeps budgets.
 UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
-RAISE = 10.0  # Ratio by which prices that leave no flight within the budgets are raised,
-RAISES = 2  # at most so many times.
+RAISE = 10.0  # Ratio by which prices that leave no flight within the budgets are raised, twice.
 STEPS = 30  # The most Newton steps at a price.
 SHARE = 0.01  # Share of its slack that a start at another price leaves.
 MU, FIRST_MU = 1e-3, 1e-2  # Barrier parameters at a price and at the first price of a start.
@@ -190,8 +189,8 @@ class _PriceSearch:
         :param starts: positions and powers.
         """
         prices = self.prices.copy()
-        for _ in range(1 + RAISES):
-            x = self._descend_at(prices, starts, FIRST_MU * (prices / self.prices).max())
+        for raised in (1.0, RAISE, RAISE**2):
+            x = self._descend_at(prices, starts, raised * FIRST_MU)
             energies = np.array([self._measure(start) for start in x])
             over = energies.min(axis=0) > self._budgets
             if not over.any():
