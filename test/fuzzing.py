@@ -33,7 +33,7 @@ COVARIANCE = st.one_of(
     ANY.map(lambda value: np.full(36, value)),
     st.lists(ANY, min_size=36, max_size=36).map(np.array))
 VALUES = {
-    'double': NUMBER, 'string': TEXT, 'byte': st.binary(min_size=1, max_size=1),
+    'double': NUMBER, 'string': TEXT, 'octet': st.binary(min_size=1, max_size=1),
     'int32': st.integers(-9, 9), 'uint32': st.integers(0, 9),
     'double[36]': COVARIANCE, 'builtin_interfaces/Time': st.builds(Time),
     'geometry_msgs/Quaternion': st.one_of(
@@ -217,6 +217,6 @@ def build(kind, number, text, count):
         if '/' in name:
             return build(message_class(name), number, text, count)
         return {'double': number, 'double[36]': np.full(36, number), 'string': text,
-                'byte': b'\0'}.get(name, 0)
+                'octet': b'\0'}.get(name, 0)
     return kind(**{field: value(name, count)
                    for field, name in kind.get_fields_and_field_types().items()})

@@ -145,7 +145,10 @@ class Replay(Target):
     publish_with_rest = Target.publish
 
     def publish(self, topic, message):
-        """Publish a plan in which the text of a message has replaced a piece."""
+        """Publish a message, or a plan in which the text of a message has replaced a piece."""
+        if topic != 'plan':
+            super().publish(topic, message)
+            return
         text, count = self._text, len(message.data)
         at = sum(message.data.encode()) * 997 % len(text)
         super().publish(topic, String(data=text[:at] + message.data + text[at + count:]))
