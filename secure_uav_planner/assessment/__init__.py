@@ -1,5 +1,5 @@
 """
-What a plan is worth when the world differs from its assumptions, and what a flight kept of it.
+What a plan is worth when the world differs from its assumptions, and how far a flight kept it.
 
 `world` says how the world may differ and draws worlds, `monte_carlo` evaluates the plan in each.
 `flown` compares the logs of a flight with the plan.

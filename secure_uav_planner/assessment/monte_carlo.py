@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_DRAWS = 10**6
-"""Largest number of draws; a slot of two UAVs takes about 0.2 GB with it."""
+"""Largest number of draws, with which a slot of two UAVs takes about 0.2 GB."""
 
 _ROUNDING = 1e-9  # Shortfall of a rate [bit/s/Hz] that is not yet an outage.
 
@@ -35,9 +35,9 @@ class Assessment:
     Secrecy rates of a plan in the drawn worlds, and outages of its slots.
 
     The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
-    equation (6), with the drawn gains of the channel. With several ground nodes, it is the least
-    of their mean rates, each divided by the node's weight. The rate of a slot is the sum over the
-    nodes.
+    equation (6), with the drawn gains of the channel. With several ground nodes, the rate of a
+    mission is the least of the nodes' mean rates, each divided by the node's weight. The rate of a
+    slot is the sum over the nodes.
 
     :ivar plan: the Plan.
     :ivar world: how the world may differ.
@@ -48,9 +48,9 @@ class Assessment:
     :ivar outages: share of the draws in which the rate of a slot is below the promised one, (N,).
     :ivar delivered: bits delivered in secret at the promised rate, in the slots without an outage,
         in each draw, (D,) in bit/Hz.
-    :ivar promised_rates: the rates of the plan's objective, where they are above 0, (N,) in
-        bit/s/Hz.
-    :ivar is_flown: whether positions of a flight are assessed instead of the plan's.
+    :ivar promised_rates: rate of each slot by the plan's objective, at least 0, (N,) in bit/s/Hz;
+        a promise only if the channel gives a guarantee.
+    :ivar is_flown: whether positions of a flight are assessed instead of the plan's positions.
     """
 
     plan: Plan
@@ -87,18 +87,18 @@ class Assessment:
         return draw_assessment(self)
 
     def quantile(self, share: float) -> float:
-        """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""
+        """Return a quantile of the mission's secrecy rate over the draws in bit/s/Hz."""
         return float(np.quantile(self.rates, check_argument('share', share, Number(0.0, 1.0))))
 
     @property
     def claim(self) -> str:
-        """Name the plan's rates: 'promised', or, where they are not, such as 'at mean gains'."""
+        """Name the kind of the plan's rates: 'promised', or such as 'at mean gains'."""
         channel = self.plan.scenario.channel
         return 'promised' if channel.is_guarantee else channel.promise
 
     @property
     def promised_rate(self) -> float:
-        """Rate of the plan's objective, which is promised, in bit/s/Hz."""
+        """Rate of the plan's objective in bit/s/Hz; a promise only if the channel gives one."""
         return self.plan.rate
 
     @property
@@ -149,7 +149,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     :param seed: seed of the draws; the same seed gives the same draws on any machine.
     :param world: how the world may differ; by default only in what the plan allows for: the
         eavesdroppers are anywhere in their discs, lines of sight and fading are drawn.
-    :param flown: where the UAVs really were at the times of the slots, (U, N, 2) in m, instead of
+    :param flown: positions of the UAVs in a flight at the points 1..N, (U, N, 2) in m, instead of
         the plan's positions.
     :raises OptionError: naming the argument, its value and what is allowed.
     """
@@ -222,7 +222,7 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
 
 def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
            world: World) -> Iterator[Array]:
-    """Yield r_k less the leak of the ground nodes in each slot, (G, D) in bit/s/Hz."""
+    """Yield, for each slot, the ground nodes' rates minus their leaks, (G, D) in bit/s/Hz."""
     channel, nodes = scenario.channel, len(scenario.ground_nodes)
     count = nodes + len(scenario.eavesdroppers)
     places = draw_places(scenario, world, draws, seed)

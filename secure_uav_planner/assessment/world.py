@@ -24,9 +24,9 @@ from ..mission.propagation import Channel
 from ..mission.scenario import Array, Scenario
 
 CONFIDENCE = 0.95
-"""Probability that a normal place without a covariance is in its disc, as in the planner."""
+"""Probability that a normal place without a covariance is in the disc, as in the planner."""
 
-_PLACES, _SIGHT, _FADING, _TRACKING = range(4)  # Kinds of draws.
+_PLACES, _SIGHT, _FADING, _TRACKING = range(4)  # Kinds of draws, each with its own stream.
 
 
 def _checked_pairs(value: Any, count: int | None = None) -> tuple[Point, ...]:
@@ -46,21 +46,22 @@ class World(Checked):
 
     :param place: 'disc', uniformly in the disc of each eavesdropper; 'normal', around its centre;
         'beyond', uniformly in the ring around the disc; 'fixed', at `positions`.
-    :param covariance: of a normal place, ((xx, xy), (xy, yy)) in m^2; by default round, with
-        the disc as its region of CONFIDENCE.
+    :param covariance: covariance of a 'normal' place, ((xx, xy), (xy, yy)) in m^2. By default it
+        is round, and the place is in the disc with the probability CONFIDENCE.
     :param beyond: width of the ring in m.
-    :param positions: of a fixed place, (x, y) in m for each eavesdropper; by default the centres.
+    :param positions: 'fixed' place (x, y) in m of each eavesdropper; by default the centres.
     :param channel: a Channel instead of the scenario's.
     :param los_distance: distance in m flown by a UAV between draws of the lines of sight of its
-        links; 0 draws them in each slot, None takes the mean gain instead. It counts where the
+        links; 0 draws them in each slot, None takes the mean gain instead. Used only if the
         channel has a probability of line of sight. The default is the correlation distance of
         urban cells in 3GPP TR 38.901, table 7.6.3.1-2.
-    :param speed_factor: by what factor eavesdroppers move faster along their tracks than the plan
-        assumes; below 1, slower.
-    :param receiver_db: by how much in dB every eavesdropper's receiver is better than the
-        scenario says.
+    :param speed_factor: speed of the eavesdroppers relative to their planned tracks: with 1.2,
+        they are 20% faster.
+    :param receiver_db: further SNR advantage of every eavesdropper's receiver in dB, beyond the
+        scenario's receiver_advantage_db.
     :param tracking_std: standard deviation in m, in x and in y, of the UAVs around their plan.
-    :param tracking_time: in s, after which the correlation of these errors has fallen to 1/e.
+    :param tracking_time: time in s after which the correlation of tracking errors has fallen to
+        1/e.
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
@@ -97,7 +98,7 @@ class World(Checked):
                            'positive semidefinite')
 
     def deviations(self, radius: float) -> Array:
-        """Return a root of the covariance of a normal place, (2, 2) in m, for an error radius."""
+        """Return a root of a normal place's covariance, (2, 2) in m; `radius` is the disc's."""
         if self.covariance is None:
             return np.eye(2) * (radius / math.sqrt(-2.0 * math.log1p(-CONFIDENCE)))
         variances, axes = np.linalg.eigh(np.array(self.covariance))
@@ -122,7 +123,8 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
     """
     Yield the places of the eavesdroppers in each slot, (E, D, 2) in m.
 
-    In a draw, an eavesdropper keeps its angle and its share of the radius around its track.
+    In a draw, an eavesdropper keeps its random numbers in all slots, such as the angle from its
+    track.
     """
     rng, shape = make_stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
     laws: dict[str, Callable[..., Array]] = {'normal': rng.standard_normal, 'fixed': np.zeros}
@@ -171,9 +173,12 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
     """
     Yield a uniform number for each link in each slot, (U, G + E, D).
 
-    A link has a line of sight where its number is below the probability. The first receivers are
-    the ground nodes. The numbers of a UAV, whose positions are (U, N, 2) in m, are kept until it
-    has flown a distance in m, with 0 for one slot.
+    A link has a line of sight if the number of the link is below the probability. The first
+    receivers are the ground nodes.
+
+    :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
+    :param distance: distance in m that a UAV flies before its links get new numbers; 0 for new
+        numbers in each slot.
     """
     rng = make_stream(seed, _SIGHT)
     receivers = len(scenario.ground_nodes) + len(scenario.eavesdroppers)
@@ -195,7 +200,7 @@ def draw_fading(rician_k_db: float, links: tuple[int, int], draws: int,
     """
     Yield |h|^2 of Rician fading for each link in each slot, (U, G + E, D), without end.
 
-    Its mean is 1: a constant path with K / (K + 1) of the power, and a normal one with the rest.
+    The mean is 1: a constant path has K / (K + 1) of the power, and a normal path has the rest.
     """
     rng, factor = make_stream(seed, _FADING), 10.0 ** (rician_k_db / 10.0)
     scale = math.sqrt(0.5 / (factor + 1.0))

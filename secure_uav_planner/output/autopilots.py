@@ -2,8 +2,9 @@
 Setpoints and odometry of autopilots' stacks, as plain values, and the limits that a plan needs.
 
 Setpoints are in an east-north-up frame with yaw counter-clockwise from east (REP-103). MAVROS and
-Aerostack2 take that; MAVROS turns it into the autopilot's frame itself. PX4's own messages are in
-north-east-down with yaw clockwise from north, and in forward-right-down for the body.
+Aerostack2 take setpoints in this frame; MAVROS converts them to the autopilot's frame. PX4's own
+messages are in north-east-down with yaw clockwise from north, and in forward-right-down for the
+body.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,14 +27,18 @@ _IGNORE_ACCELERATION = 64 + 128 + 256
 _IGNORE_YAW_RATE = 2048
 _ZERO = (0.0, 0.0, 0.0)
 _NAN = (math.nan,) * 3
-_EARTH_CENTRED = 1e6  # m, far above any place in degrees and below the radius of the Earth.
+# Norm above which a place is earth-centred in m: more than degrees and an altitude can have, less
+# than the radius of the Earth.
+_EARTH_CENTRED = 1e6
 _POSE_NED = 1
 _VELOCITY_NED, _VELOCITY_BODY = 1, 3
-_GRAVITY = 9.81  # In m/s^2.
-_DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
-# In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
-_RESERVE = 4 / 3  # Least ratio of a limit to the plan's: without it a delay is never made up.
-# Recommended ratios, as flown with 3 m/s^2, and steps of recommended values.
+_GRAVITY = 9.81  # Gravitational acceleration [m/s^2].
+# Deceleration of a multicopter by drag, divided by speed^2 [1/m]. In ArduPilot's simulator, a lean
+# of 30 degrees carried 2 but not 3 m/s^2 at 10 m/s, which gives 0.027 to 0.037.
+_DRAG = 0.036
+_RESERVE = 4 / 3  # Least ratio of a limit to the plan's limit with which a delay is made up.
+# Ratio of a recommended limit to the plan's limit, as flown with 3 m/s^2, and the step in m/s,
+# m/s^2 or degrees to which the recommended limit is rounded up.
 _RECOMMENDED = {'speed': (1.5, 0.5), 'acceleration': (1.6, 0.5), 'lean': (_RESERVE, 5.0)}
 
 
@@ -42,14 +47,14 @@ class Setpoint:
     """
     The desired position and motion of a UAV at a time.
 
-    :param frame_id: the name of the frame, east-north-up.
-    :param time_ns: in ns.
+    :param frame_id: name of the east-north-up frame.
+    :param time_ns: time of the setpoint in ns.
     :param position: (x, y, z) in m.
     :param yaw: in rad, counter-clockwise from x.
     :param velocity: (x, y, z) in m/s, or None if unknown.
     :param acceleration: (x, y, z) in m/s^2, or None if unknown.
     :param yaw_rate: in rad/s, or None if unknown.
-    :raises OptionError: for a value that is not finite, or no coordinate of a mission.
+    :raises OptionError: for a value that is not finite, or beyond the range of coordinates.
     """
 
     frame_id: str
@@ -70,7 +75,7 @@ class Setpoint:
                     f'{name} is {quote(value)}; it must be from {low:g} to {high:g}', (name,))
 
     def hold(self) -> 'Setpoint':
-        """Return the setpoint at rest; its stamp stays, as a later one may be before now."""
+        """Return the setpoint at rest; its old stamp cannot be after the next setpoint's stamp."""
         return replace(self, velocity=_ZERO, acceleration=_ZERO, yaw_rate=None)
 
 
@@ -81,15 +86,14 @@ class Stack:
 
     :param package: its ROS message package.
     :param source: the repository of that package.
-    :param topics: the topics of setpoints, below the vehicle's name, by the name of their type.
-    :param fields: returns the fields of each of these messages, by the name of its type, for a
-        Setpoint and the present time in ns. A field that is a message is a dict, or a list of
-        dicts.
-    :param states: the topics of the vehicle's state, by package and type.
-    :param odometry: returns the fields of nav_msgs/Odometry in the vehicle's local frame,
-        east-north-up, without the names of frames, for the last message of each of these.
-        A stamp is left out where the stack may have another clock.
-    :param debian: the package's name in the distribution of ROS, if it is part of that.
+    :param topics: topics of the setpoint messages, below the vehicle's name, by type.
+    :param fields: function of a Setpoint and the present time in ns. It returns the fields of each
+        setpoint message by type. A field that is a message is a dict, or a list of dicts.
+    :param states: topics of the vehicle's state, by package and type.
+    :param odometry: function of the last message of each topic in `states`. It returns the fields
+        of nav_msgs/Odometry in the vehicle's local frame, east-north-up, without names of frames.
+        The stamp is left out if the stack may have another clock.
+    :param debian: name of the Debian package if ROS distributes one, otherwise ''.
     """
 
     package: str
@@ -116,7 +120,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     """
     Return the scipy.spatial.transform.Rotation of a quaternion (x, y, z, w).
 
-    :param name: of the quaternion, for the error.
+    :param name: name of the quaternion in the error.
     :raises PoseError: if its length is not 1.
     """
     length = math.hypot(*quaternion)
@@ -167,7 +171,7 @@ def px4_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
 
 def aerostack2_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     """
-    Return as2_msgs/TrajectorySetpoints with a point.
+    Return as2_msgs/TrajectorySetpoints with one point.
 
     :raises OptionError: without a velocity or an acceleration, which the message cannot omit.
     """
@@ -185,7 +189,7 @@ def aerostack2_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
 
 
 def ros_odometry(message: Any) -> Fields:
-    """Return the fields of nav_msgs/Odometry for itself."""
+    """Return stamp, pose and twist of a nav_msgs/Odometry as fields of nav_msgs/Odometry."""
     return {'header': {'stamp': message.header.stamp}, 'pose': message.pose,
             'twist': message.twist}
 
@@ -243,7 +247,7 @@ STACKS = {
 
 class Reference(NamedTuple):
     """
-    Where the local frame of a vehicle begins.
+    The place on Earth of the origin of a vehicle's local frame.
 
     :param latitude: in degrees.
     :param longitude: in degrees.
@@ -256,7 +260,7 @@ class Reference(NamedTuple):
 
 
 class ReferenceSource(NamedTuple):
-    """The message of a Reference, as Stack describes messages, its topics, and what reads it."""
+    """A message that has a Reference: package, source and debian as in Stack, topics, reader."""
 
     package: str
     source: str
@@ -267,7 +271,7 @@ class ReferenceSource(NamedTuple):
 
 
 def px4_reference(message: Any) -> Reference:
-    """Return that in px4_msgs/VehicleLocalPosition, or raise a PoseError if it is not valid."""
+    """Read the Reference from px4_msgs/VehicleLocalPosition; raise PoseError if not valid."""
     if not (message.xy_valid and message.xy_global):
         raise PoseError(f'xy_valid is {message.xy_valid} and xy_global is {message.xy_global}; '
                         'both must be true')
@@ -276,7 +280,7 @@ def px4_reference(message: Any) -> Reference:
 
 
 def mavros_reference(message: Any) -> Reference:
-    """Return that in geographic_msgs/GeoPointStamped, or raise a PoseError for metres in it."""
+    """Read the Reference from geographic_msgs/GeoPointStamped; raise PoseError for metres."""
     place = message.position
     if math.hypot(place.latitude, place.longitude, place.altitude) > _EARTH_CENTRED:
         raise PoseError('its position is earth-centred (ECEF) in m, as MAVROS before 2024 sends '
@@ -326,10 +330,10 @@ def lean(speed: float, acceleration: float, reserve: float = 1.0) -> float:
 class Parameter:
     """A parameter of an autopilot that limits how it follows setpoints."""
 
-    name: str  # As in the autopilot's documentation.
-    limits: str  # 'speed', 'acceleration' or 'lean'.
-    unit: str  # Of its values.
-    factor: float  # 1 m/s, 1 m/s^2 or 1 degree in that unit.
+    name: str  # Name in the autopilot's documentation.
+    limits: str  # Limited quantity: 'speed', 'acceleration' or 'lean'.
+    unit: str  # Unit of the parameter's values.
+    factor: float  # Value that means 1 m/s, 1 m/s^2 or 1 degree.
     default: float
     most: float  # The largest value that the documentation allows.
 
@@ -349,11 +353,12 @@ class Parameter:
 
 
 AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
-    # In GUIDED the first two limit what corrects an error, beside the plan's own.
+    # WPNAV_SPEED and WPNAV_ACCEL limit in GUIDED only the correction of an error, which is added
+    # to the plan's velocity and acceleration.
     'ardupilot': (Parameter('WPNAV_SPEED', 'speed', 'cm/s', 100, 1000, 2000),
                   Parameter('WPNAV_ACCEL', 'acceleration', 'cm/s^2', 100, 250, 500),
                   Parameter('ANGLE_MAX', 'lean', 'cdeg', 100, 3000, 8000)),
-    # In OFFBOARD the first limits the sum of the plan's velocity and its correction.
+    # MPC_XY_VEL_MAX limits in OFFBOARD the sum of the plan's velocity and its correction.
     'px4': (Parameter('MPC_XY_VEL_MAX', 'speed', 'm/s', 1, 12, 20),
             Parameter('MPC_TILTMAX_AIR', 'lean', 'deg', 1, 45, 89)),
 }
@@ -365,11 +370,12 @@ def changes(autopilot: str, speed: float,
     """
     Return the parameters to raise above their defaults for a plan, each with its value.
 
-    With a value below the parameter's `least`, the autopilot cannot follow the plan.
+    The tuple is empty if every default is at least the parameter's `least`. With a value below
+    `least`, the autopilot cannot follow the plan.
 
     :param autopilot: a name in AUTOPILOTS.
-    :param speed: the plan's limit in m/s.
-    :param acceleration: likewise in m/s^2.
+    :param speed: the plan's limit of speed in m/s.
+    :param acceleration: the plan's limit of acceleration in m/s^2.
     """
     limits, parameters = (speed, acceleration), AUTOPILOTS[autopilot]
     if all(parameter.default >= parameter.least(*limits) for parameter in parameters):

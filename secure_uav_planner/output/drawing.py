@@ -9,7 +9,7 @@ import shapely
 from ..mission import OBJECTIVES
 from ..mission.polygons import convex_parts, offset_polygon
 
-# Of Okabe and Ito, distinct for colour-blind readers.
+# Black, EAVESDROPPER and _UAVS are Okabe and Ito's colours, distinct for colour-blind readers.
 GROUND_NODE = '#000000'
 EAVESDROPPER = '#D55E00'
 NO_FLY_ZONE = '#7A7A7A'
@@ -17,13 +17,13 @@ GEOFENCE = '#3C3C3C'
 MARGIN = '#F4D58A'
 RATE = '#6A3D9A'
 
-_MOVING = (EAVESDROPPER, '#882255', '#999933')  # Tell eavesdroppers that move apart.
-_NODES = ('#332288', '#117733', '#AA4499', '#999933', '#882255', '#44AA99')  # Of Paul Tol.
+_MOVING = (EAVESDROPPER, '#882255', '#999933')  # Colours that tell moving eavesdroppers apart.
+_NODES = ('#332288', '#117733', '#AA4499', '#999933', '#882255', '#44AA99')  # Paul Tol's muted.
 _UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
 
 
 def uav_color(index: int) -> str:
-    """Return the colour of a UAV, '#rrggbb'; UAV 0 transmits, repeated colours are darker."""
+    """Return the colour of a UAV, '#rrggbb'; from the sixth jammer on, darker ones repeat."""
     if index == 0:
         return _UAVS[0]
     repeats, color = divmod(index - 1, len(_UAVS) - 1)
@@ -32,7 +32,7 @@ def uav_color(index: int) -> str:
 
 
 def eavesdropper_color(index, eavesdropper):
-    """Return the colour of an eavesdropper, its own if it moves."""
+    """Return the colour of an eavesdropper; only moving eavesdroppers have different colours."""
     return EAVESDROPPER if eavesdropper.track is None else _MOVING[index % len(_MOVING)]
 
 
@@ -55,7 +55,7 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """Return the baselines of different paths, each with the name that its paths have."""
+    """Return (baseline, name) of each baseline with new paths; the name leaves out the power."""
     found = []
     for baseline in baselines:
         if not any(np.array_equal(baseline.positions, other.positions) for other, _ in found):
@@ -64,7 +64,7 @@ def distinct_paths(baselines):
 
 
 def node_color(scenario, index):
-    """Return the colour of a ground node, '#rrggbb'; that of a single one is black."""
+    """Return the colour of a ground node, '#rrggbb'; a single ground node is black."""
     several = len(scenario.ground_nodes) > 1
     return _NODES[index % len(_NODES)] if several else GROUND_NODE
 
@@ -118,7 +118,7 @@ def altitude_label(zone):
 
 
 def label_position(zone):
-    """Return the middle (2,) in m of the convex part of a zone with most room for its name."""
+    """Return the middle (2,) in m of the zone's convex part with the most room for a name."""
     def text_width(part):
         width, height = np.ptp(part, axis=0)
         return min(width, 3 * height)
@@ -160,7 +160,7 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """Return each eavesdropper's discs, (time, centre, radius), at three times where it moves."""
+    """Return the discs (time, centre, radius) of each eavesdropper: three if it moves, or one."""
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]

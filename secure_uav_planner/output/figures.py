@@ -16,16 +16,16 @@ _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
 _BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
 _PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
-_LEGEND_WIDTH = 14  # In characters.
-_LEAST_RANGE = 1e-9  # bit/s/Hz; rates within it are drawn in a bin 1 bit/s/Hz wide.
+_LEGEND_WIDTH = 14  # Letters in a line of a legend.
+_LEAST_RANGE = 1e-9  # Range of rates [bit/s/Hz] below which the histogram is 1 bit/s/Hz wide.
 
 
 @contextmanager
 def own_settings():
-    """Draw as Matplotlib does by default, but in the user's fonts, which may have more scripts."""
+    """Use Matplotlib's defaults, but the user's fonts, which may have more scripts."""
     fonts = {name: rcParams[name] for name in ('font.family', 'font.sans-serif', 'font.serif')}
     with style.context(['default', fonts]), warnings.catch_warnings():
-        # Names may be in scripts that the font lacks; boxes stand for their letters.
+        # A name may be in a script that the font lacks; Matplotlib then draws boxes and warns.
         warnings.filterwarnings('ignore', message='Glyph .* missing')
         yield
 

@@ -84,7 +84,7 @@ def _make_feature(kind: str, name: str, geometry: Mapping[str, Any],
 
 
 def _find_turn(longitude: float) -> int:
-    """Return how many turns a longitude is beyond -180 to 180 degrees."""
+    """Return by how many turns of 360 degrees a longitude lies outside of -180 to 180."""
     return math.floor((longitude + 180) / 360)
 
 
@@ -112,8 +112,8 @@ def _cut_line(places: Array, values: Mapping[str, Sequence[float] | None]
     """
     Return the geometry of a line through places (K, 2), and the values at each of its points.
 
-    A line that is cut has a list of values for each part. Its point on the meridian has the power
-    of the slot and interpolated other values.
+    A line that is cut has a list of values for each part. A point on the meridian has the power of
+    the slot before; its other values are interpolated.
     """
     names = [name for name, given in values.items() if given is not None]
     rows = np.column_stack([places, *(np.array(values[name], float) for name in names)])

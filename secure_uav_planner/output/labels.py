@@ -1,4 +1,4 @@
-"""Texts on a map, each beside its place, where it covers nothing else."""
+"""Texts on a map, each beside the place that it names, without covering anything else."""
 
 from itertools import product
 
@@ -6,11 +6,12 @@ from matplotlib.patheffects import withStroke
 import numpy as np
 import shapely
 
-HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
-FONT_SIZE = 8.0  # In points, of texts on the map.
-_GAPS = 5.0, 10.0  # From a place to its text, in points.
-_FAR_GAPS = 18.0, 28.0, 40.0, 60.0  # Of a text that must be shown, with a line to its place.
-_PADDING = 1.5  # Between two texts, in points.
+HALO = [withStroke(linewidth=2.5, foreground='white')]  # White rim of texts on the map.
+FONT_SIZE = 8.0  # Font size of texts on the map [points].
+_GAPS = 5.0, 10.0  # Gaps between a place and its text [points], best first.
+_FAR_GAPS = 18.0, 28.0, 40.0, 60.0  # Gaps [points] of a needed text, with a line to its place.
+_PADDING = 1.5  # Gap between two texts [points].
+# Directions from a place to its text [rad], relative to the preferred direction, best first.
 _ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
 
 
@@ -18,7 +19,7 @@ class MapLabels:
     """
     The texts of a map, whose size and limits are final.
 
-    :ivar occupied: a list of what no text covers, of shapely in m; each new text is added.
+    :ivar occupied: list of shapes of shapely in m that no text covers; each new text is added.
     """
 
     def __init__(self, axes, occupied):
@@ -31,8 +32,8 @@ class MapLabels:
         Write a text beside a place, or nothing if there is no room and it is not needed.
 
         :param place: (2,) in m.
-        :param direction: of the side to be tried first, in rad from the east.
-        :param avoid: what the text should not cover if possible.
+        :param direction: direction from the place that is tried first, in rad from the east.
+        :param avoid: shapes that the text should not cover if possible.
         :param is_needed: True for a text that may be far away, with a line to its place, or lie
             above something else.
         """
@@ -46,7 +47,7 @@ class MapLabels:
             boxes = [box for box in near if self._is_free(box)][:1] or [
                 min(near, key=self._measure_overlap)] if near else []
         if not boxes:
-            if is_needed:  # On a map smaller than the text.
+            if is_needed:  # The map is smaller than the text.
                 self.keep_inside(artist)
             else:
                 artist.remove()
@@ -57,7 +58,7 @@ class MapLabels:
             self._axes.plot(*line.xy, color=artist.get_color(), linewidth=0.6, zorder=7.5)
 
     def add_into(self, polygon, text, place, **style):
-        """Write a text at a place (2,) of a polygon if there is room for it, else beside that."""
+        """Write a text at a place (2,) inside a polygon if it fits, otherwise beside the place."""
         artist = self._write(text, place, **style)
         half = self._measure(artist) / 2
         box = shapely.box(*(place - half), *(place + half))
@@ -68,7 +69,7 @@ class MapLabels:
             self.add(text, place, np.pi / 2, is_needed=True, **style)
 
     def keep_inside(self, artist):
-        """Move a text as little as keeps it within the map."""
+        """Move a text by the least distance that brings it into the map."""
         low, high = np.reshape(self._inside.bounds, (2, 2))
         half = np.minimum(self._measure(artist), high - low) / 2
         center = np.clip(artist.get_position(), low + half, high - half)

@@ -18,10 +18,10 @@ from .drawing import (
     receiver_label, scheme_dash, shown_discs, style_axes, uav_color)
 from .labels import MapLabels, point_size
 
-LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # In characters.
-LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is linear.
+LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Letters in a line of a legend, and in a whole name.
+LINEAR_SHARE = 1e-3  # Share of the peak power below which the scale of powers is linear.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
-_NEAR_MARKS = 17.0  # Time marks closer than this share a label, in points.
+_NEAR_MARKS = 17.0  # Distance [points] below which time marks share a label.
 GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2, 'label': 'no-fly zone'}
 _ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':',
@@ -32,13 +32,13 @@ _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linew
 
 def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     """
-    Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
+    Draw the map of a plan: paths, receivers, zones and fence.
 
-    Baselines are grey.
+    A path is wide and dark where the power is high. Baselines are grey.
 
     :param extent: the result of map_extent.
     :param legend: False for no legend.
-    :param options: of the legend, which is at the right of the map by default.
+    :param options: options of add_legend; by default the legend is at the right of the map.
     """
     draw_paths(axes, plan, extent, baselines)
     if legend:
@@ -47,7 +47,7 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
 
 
 def draw_paths(axes, plan, extent, baselines=()):
-    """Draw a map without its texts, whose places depend on the size that the map will have."""
+    """Draw the map of a plan without texts; label_map adds them when the map has its size."""
     scenario = plan.scenario
     set_up_map(axes, extent)
     draw_ground(axes, scenario)
@@ -103,7 +103,7 @@ def label_map(axes, scenario, plan=None, baselines=()):
 
 
 def _label_eavesdroppers(labels, scenario):
-    """Write what is better in a receiver, and names and times of those that move."""
+    """Write the advantage of each receiver, and names and times of moving eavesdroppers."""
     for index, (eve, name, discs) in enumerate(zip(
             scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
         color, advantage = eavesdropper_color(index, eve), receiver_label(eve)
@@ -116,14 +116,14 @@ def _label_eavesdroppers(labels, scenario):
 
 
 def wrap_name(name, text='', width=LEGEND_WIDTH):
-    """Return a name and a text, wrapped for a legend, whose width is in letters."""
-    if len(name) > _NAME_LENGTH:  # Without its middle, as the ends of names tell them apart.
+    """Return a name and a text, wrapped for a legend `width` letters wide."""
+    if len(name) > _NAME_LENGTH:  # The middle is cut out: long names differ at their ends.
         name = f'{name[:_NAME_LENGTH // 2 - 2]}...{name[2 - _NAME_LENGTH // 2:]}'
     return _escape('\n'.join(wrap(name + text, width)))
 
 
 def _escape(text):
-    """Escape the dollars of a text, which are formulas to Matplotlib, and a '_' that hides it."""
+    """Escape dollars, which Matplotlib reads as formulas, and a first '_', which hides a label."""
     text = text.replace('$', r'\$')
     return f' {text}' if text.startswith('_') else text
 
@@ -144,7 +144,7 @@ def draw_ground(axes, scenario):
         if eve.track is None:
             label = 'eavesdropper, disc' if eve.error_radius else 'eavesdropper'
         else:
-            style['linestyle'] = _TRACK  # In the legend.
+            style['linestyle'] = _TRACK  # The legend then shows the line of the track.
         axes.plot(*eve.position, marker='X', **style, zorder=6, label=label)
     _draw_airspace(axes, scenario)
 
@@ -182,7 +182,8 @@ def power_level(powers, peak):
     """
     Return powers on the scale of the picture, 0 for 0 W and 1 for the peak power.
 
-    It is logarithmic, because in good plans the jamming power is a hundredth of that transmitted.
+    The scale is logarithmic above LINEAR_SHARE of the peak power, because good plans jam with a
+    hundredth of the transmit power.
     """
     return np.arcsinh(np.maximum(powers, 0.0) / (LINEAR_SHARE * peak)) / np.arcsinh(
         1 / LINEAR_SHARE)
@@ -218,7 +219,8 @@ def _label_times(axes, labels, plan, baseline_paths):
     """
     Mark round times along the paths; where a UAV hovers, a label gives the interval.
 
-    Labels of hovering are beside every path; the others are where they cover nothing.
+    Labels of hovering are always written. A label of a single time is written only where it covers
+    nothing.
     """
     times = plan.times
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
@@ -242,7 +244,7 @@ def _label_times(axes, labels, plan, baseline_paths):
 
 
 def _group_marks(places, least):
-    """Return first and last index of successive places within a least distance of the first."""
+    """Return (first, last) of each run of places within `least` of the run's first place."""
     groups, first = [], 0
     for last in range(len(places)):
         if last + 1 == len(places) or np.hypot(*(places[last + 1] - places[first])) >= least:
@@ -252,7 +254,7 @@ def _group_marks(places, least):
 
 
 def add_map_legend(axes, uav_entries, **options):
-    """Explain the symbols of the map after the entries, artists by label, of the UAVs."""
+    """Draw the legend of a map: UAVs, as artists by label, then all other symbols."""
     entries = {**uav_entries, **{
         name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
         for name, marker in (('start', 'o'), ('goal', 's'))}}

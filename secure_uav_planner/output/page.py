@@ -12,7 +12,7 @@ from .traces import label_charts, PlanTraces, power_range
 from ..mission.files import atomic_file
 
 _MOST_FRAMES = 400
-_PLAYING_TIME = 20.0  # In s.
+_PLAYING_TIME = 20.0  # Duration of the whole animation [s].
 _TITLE = 'Secure UAV plan'
 _STYLE = ('<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
           'body { margin: 0; font-family: sans-serif; color: #2a3f5f } '
@@ -52,21 +52,22 @@ const arrangeTwice = () => arrange().then(arrange);
 window.addEventListener('resize', arrangeTwice);
 arrangeTwice();
 """
-_READOUT_WIDTH = 40  # In characters.
+_READOUT_WIDTH = 40  # Letters in a line of the slider's text.
 _JUMP = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
 
 
 def save_page(plan, path, baselines=(), comparison=None):
     """
-    Write the web page of a Plan, beside Plans of the same mission, to a self-contained HTML file.
+    Write the web page of a Plan and its baselines to an HTML file that needs no other file.
 
+    :param baselines: Plans of the same mission, which are drawn in grey.
     :param comparison: a Comparison of the plan with a flight, which is drawn as well.
     :raises OSError: as atomic_file does.
     """
     figure = draw_page(plan, baselines, comparison)
     title = figure.layout.title.text
-    figure.layout.title = None  # Text of the document is wrapped, that of Plotly is not.
+    figure.layout.title = None  # The document wraps the title; Plotly would not.
     (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
     content = figure.to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, div_id='plan',
@@ -124,11 +125,12 @@ def _add_controls(figure, content, points):
     figure.update_layout(
         template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20},
         title={'text': title},
-        dragmode=False,  # A finger scrolls the page.
+        dragmode=False,  # Without dragging, a finger scrolls the page.
         legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
             'active': 0, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
-            # The labels of the steps are the readout; there is no room for them below the slider.
+            # The label of the present step is the readout. Labels below the slider have no room,
+            # so they are transparent.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
             'currentvalue': {'font': {'color': '#222222', 'size': 14}},

@@ -19,8 +19,8 @@ from .sheet import lay_out_map, lay_out_sheet, Part
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 
-_WIDTH = 9.6  # Of a picture that is not for a paper, in inches.
-_TITLE_SIZE = 11.0  # In points.
+_WIDTH = 9.6  # Width of a picture that is not for a paper [inches].
+_TITLE_SIZE = 11.0  # Font size of the title [points].
 _DOTS_PER_INCH = 200
 _STRIP = 0.12  # Height of the strip of shares, in heights of the rates.
 _PAPER = {'font.family': 'serif', 'font.size': 8.0, 'legend.handlelength': 1.5,
@@ -29,7 +29,7 @@ _LETTER = 0.58  # Mean width of a letter, in font sizes.
 
 
 def save_picture(plan, path, baselines=()):
-    """Draw a Plan into a file, beside Plans of the same mission; the suffix gives the format."""
+    """Draw a Plan and baselines of its mission into a file, whose suffix gives the format."""
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
 
@@ -37,7 +37,7 @@ def draw_plan(plan, baselines=(), axes=None, title=True, width=None) -> Picture:
     """
     Return a matplotlib Figure of a plan, as save_picture writes it.
 
-    :param axes: see Plan.plot, as for the others.
+    The parameters are explained at Plan.plot.
     """
     lines = (f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim) if title else ()
     if axes is not None:
@@ -71,7 +71,7 @@ def checked_axes(axes) -> list[Axes] | None:
 
 
 def _draw_parts(axes, plan, baselines, title):
-    """Draw the map, the powers and the rates into as many axes as there are, with legends."""
+    """Draw map, powers and rates with legends, one into each of one to three axes."""
     draw_map(axes[0], plan, map_extent(plan.scenario, [plan, *baselines]), baselines)
     axes[0].set_title('\n'.join(title), fontsize=_TITLE_SIZE, loc='left')
     if len(axes) > 1:
@@ -82,7 +82,7 @@ def _draw_parts(axes, plan, baselines, title):
 
 
 def _draw_sheet(plan, baselines, width, title, title_size, has_energies=True, **legend):
-    """Return the Figure of a width with the three parts, placed by lay_out_sheet."""
+    """Return a Figure `width` inches wide of map, powers and rates, placed by lay_out_sheet."""
     figure = Picture(figsize=(width, width))
     map_axes, power_axes, rate_axes = figure.subplots(3)
     draw_paths(map_axes, plan, map_extent(plan.scenario, [plan, *baselines]), baselines)
@@ -120,7 +120,7 @@ def draw_powers(axes, plan, has_energies=True, **legend):
     Draw the power of each slot, and the limits that all UAVs share.
 
     :param has_energies: whether the legend has the energy of each UAV.
-    :param legend: see add_legend.
+    :param legend: options of add_legend.
     """
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
@@ -140,7 +140,7 @@ def draw_powers(axes, plan, has_energies=True, **legend):
                       color=GREY, fontsize=8)
     peak = max(uav.peak_power for uav in plan.scenario.uavs)
     axes.set_yscale('asinh', linear_width=LINEAR_SHARE * peak)
-    axes.set_ylim(0, 2.5 * peak)  # With room for the label of the peak.
+    axes.set_ylim(0, 2.5 * peak)  # Room above the peak is for the peak's label.
     exponents = np.arange(*np.floor(np.log10([10 * LINEAR_SHARE * peak, 10 * peak])))
     ticks = [0.0, *(10.0 ** exponents)]
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
@@ -164,14 +164,14 @@ def draw_rates(axes, plan, baselines=(), **legend):
     highest = max(drawn.worst_case_rates.max() for drawn in (plan, *baselines))
     highest = 1.08 * max(highest, 0.01)
     axes.set_ylim(0, highest)
-    if len(plan.shares) > 1:  # A strip below 0, in the colours of the ground nodes.
+    if len(plan.shares) > 1:  # Shares are a strip below 0, in the ground nodes' colours.
         height = _STRIP * highest
         tops = -height * (1 - np.cumsum(plan.shares, axis=0))
         for index, (top, share) in enumerate(zip(tops, plan.shares)):
             axes.bar(edges[:-1], height * share, plan.scenario.slot_duration,
                      top - height * share, align='edge', color=node_color(plan.scenario, index))
         axes.set_ylim(bottom=-height)
-    axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
+    axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # Short labels fit at the left.
     axes.set_xlabel('time (s)')
     _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)', legend)
 

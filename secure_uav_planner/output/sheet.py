@@ -1,7 +1,7 @@
 """
-Where the parts of a picture are; sizes are measured, and in inches.
+The layout of a picture: places of map, charts and legends by their measured sizes, in inches.
 
-Constrained layout cuts off legends beside axes of equal aspect.
+Matplotlib's constrained layout is not used: it cuts off legends beside axes of equal aspect.
 """
 
 from collections.abc import Callable
@@ -11,16 +11,16 @@ from matplotlib.axes import Axes
 import numpy as np
 
 _EDGE, _GAP, _PART_GAP = 0.12, 0.08, 0.25
-_MOST_HEIGHT = 9.0  # Height of the text on a page.
-_LEAST_BESIDE = 6.0  # Width from which the charts stand beside the map.
-_FLATTEST_BESIDE = 0.5  # Height of a map in widths, below which the charts stand under it.
-_MOST_MAP = 0.5  # Height of a map beside charts, in widths of the figure.
-_MAP_SHARE = 0.5  # Of the width, at most for a map beside charts.
-_LEGEND_SHARE = 0.28  # Of the width, for the legend of a narrow map beside charts.
-_LEAST_CHART = 0.95  # Height of a chart.
+_MOST_HEIGHT = 9.0  # Largest height of a figure: the text of a page is as high.
+_LEAST_BESIDE = 6.0  # Least width of a figure with charts beside the map.
+_FLATTEST_BESIDE = 0.5  # Least height / width of a map with charts beside it.
+_MOST_MAP = 0.5  # Largest height of a map beside charts, in widths of the figure.
+_MAP_SHARE = 0.5  # Largest width of a map and its axis beside charts, in widths of the figure.
+_LEGEND_SHARE = 0.28  # Room for the legend of a map beside charts, in widths of the figure.
+_LEAST_CHART = 0.95  # Least height of a chart.
 _CHART_SHARE = 0.15  # Height of a chart below a map, in widths of the figure.
-_LEAST_MAP_SHARE = 0.75  # Of the width of a map, to be left by a legend at its right.
-_SINGLE_MAP = 5.95, 5.6  # Largest size of a map without charts.
+_LEAST_MAP_SHARE = 0.75  # Least share of a map's width that is left beside a legend.
+_SINGLE_MAP = 5.95, 5.6  # Largest width and height of a map without charts.
 
 
 class Part(NamedTuple):
@@ -39,7 +39,7 @@ class Part(NamedTuple):
         return size
 
     def measure_margins(self):
-        """Return what numbers and names need at the left of axes, below and at the right."""
+        """Return the room of numbers and names at the axes: (left, below, right), (3,)."""
         (x0, y0), (x1, _) = self.axes.get_window_extent().get_points()
         boxes = [box for axis in (self.axes.xaxis, self.axes.yaxis)
                  if (box := axis.get_tightbbox()) is not None]
@@ -48,7 +48,7 @@ class Part(NamedTuple):
             max(box.x1 for box in boxes) - x1]) / self.axes.figure.dpi
 
     def settle(self, box, corner):
-        """Put the axes into a box (x, y, width, height), the legend's upper left to a corner."""
+        """Put the axes into a box (x, y, width, height), the legend's upper left at `corner`."""
         figure = self.axes.figure
         self.axes.set_position(np.array(box) / np.tile(figure.get_size_inches(), 2))
         self.axes.get_legend().set_bbox_to_anchor(corner, figure.dpi_scale_trans)
@@ -70,7 +70,7 @@ def lay_out_sheet(figure, parts, title, title_size):
     top = _EDGE + 1.4 * title_size / 72.0 * len(title) + (_GAP if title else 0.0)
     is_beside = width >= _LEAST_BESIDE and sides[1] >= _FLATTEST_BESIDE * sides[0]
     place = _place_beside if is_beside else _place_below
-    for _ in range(2):  # The numbers at axes depend on the size of the axes.
+    for _ in range(2):  # The numbers at axes change with the size of the axes.
         height, places = place(parts, width, sides, top)
         figure.set_figheight(height)
         for part, (box, corner) in zip(parts, places):
@@ -95,7 +95,7 @@ def lay_out_map(part):
 
 
 def _place_beside(parts, width, sides, top):
-    """Place the map above its legend at the left, the charts at the right; see _place_below."""
+    """Return, as _place_below does, the places with the charts at the right of the map."""
     map_part, *charts = parts
     left, bottom, right = map_part.measure_margins()
     chart_left, chart_bottom, chart_right = _join_margins(charts)
@@ -115,7 +115,7 @@ def _place_beside(parts, width, sides, top):
 
 
 def _place_below(parts, width, sides, top):
-    """Return the height of a figure with the charts below the map, and a place of each part."""
+    """Return a figure's height, and (box, legend's corner) of each part, charts below the map."""
     map_part, *charts = parts
     left, _, right = _join_margins(parts)
     bottom, chart_bottom = map_part.measure_margins()[1], charts[-1].measure_margins()[1]
@@ -145,7 +145,7 @@ def _place_below(parts, width, sides, top):
 
 
 def _stack_charts(legends, x, y, width, height):
-    """Return the places of charts below each other from a point down, below their legends."""
+    """Return (box, legend's corner) of charts stacked down from (x, y), each below its legend."""
     places = []
     for size in legends:
         corner = x, y

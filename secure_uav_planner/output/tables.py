@@ -22,9 +22,9 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan, and one for a Bound if given.
 
-    The rates are means over the promised slots; a line says which, if not all are.
-    With bounds, a column has the largest share of the best rate that a plan may miss. Rates that
-    are not guaranteed are marked by a line, and energies follow in a table of their own.
+    The rates are means over the promised slots, which a line names if not all are promised. If a
+    Plan has a bound, a column has the largest share of the best rate that a Plan may miss. A line
+    says if rates are not guaranteed. Energies follow in a table of their own.
     """
     channel = plans[0].scenario.channel
     names = (channel.rate_name(objective).removesuffix(f' {channel.promise}')
@@ -56,7 +56,8 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
 def _gap_cell(plan: Any) -> str:
     if plan.bound is None:
         return 'unknown'
-    return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'  # A bound: rounded up.
+    # A bound is rounded up.
+    return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'
 
 
 def align(widths: Sequence[int], rows: Iterable[Sequence[str]],
@@ -146,9 +147,9 @@ def save_mat(plan: Any, path: str | os.PathLike[str]) -> None:
 
 def list_columns(plan: Any) -> list[str]:
     """
-    Return COLUMNS and, of each eavesdropper, those of its disc, `<name>.x`, `.y`, `.radius`.
+    Return COLUMNS, then `<name>.x`, `<name>.y` and `<name>.radius` of each eavesdropper's disc.
 
-    Of several ground nodes, a `<name>.share` of each follows.
+    With several ground nodes, `<name>.share` of each node follows.
     """
     nodes = plan.scenario.ground_node_names
     return [*COLUMNS, *(f'{name}.{part}' for name in plan.scenario.eavesdropper_names
@@ -161,8 +162,8 @@ def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     Return a row of list_columns for each point of each UAV: the flown position and velocity.
 
     With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
-    after the last point: the points -1 and N+2. Power, rates and shares are those of the slot
-    which begins at the point, or 0.
+    after the last point: the points -1 and N+2. Power, rates and shares hold in the slot that
+    begins at the point; they are 0 if no slot begins there.
     """
     scenario, curve = plan.scenario, plan.curve
     times = np.unique([curve.begin, *plan.times, curve.end])

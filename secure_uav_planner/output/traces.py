@@ -11,18 +11,19 @@ from ..model import channel
 
 _LEAST_POWER = 2e-5  # Least power on the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
-LINE_STYLES = ('solid', 'dash', 'dot', 'dashdot')  # Of the UAVs, in turn.
-_TRACK_MARKS = 5  # Times at the track of a receiver.
-_PLOTLY_DASHES = {'--': 'dash', ':': 'dot', '-.': 'dashdot'}  # By those of Matplotlib.
+LINE_STYLES = ('solid', 'dash', 'dot', 'dashdot')  # Line styles of the UAVs, in turn.
+_TRACK_MARKS = 5  # Number of times that are written along the track of a receiver.
+_PLOTLY_DASHES = {'--': 'dash', ':': 'dot', '-.': 'dashdot'}  # Matplotlib's name: Plotly's.
 _GREY = '#808080'
-_SPACE = '\u2003\u2003'  # Between a disc and its name.
+_SPACE = '\u2003\u2003'  # Gap between a disc and its name.
 
 
 class PlanTraces:
     """
-    The traces and texts of a plan, each trace with its row: 1 power, 2 rate, 3 delivered.
+    The traces and texts of a plan.
 
-    Those of the map have none.
+    A method that yields (trace, row) gives each trace its row of charts: 1 power, 2 rate,
+    3 delivered; None for the map.
     """
 
     def __init__(self, plan):
@@ -43,7 +44,7 @@ class PlanTraces:
             mode='edge')
 
     def map_traces(self):
-        """Yield what stands still on the map: airspace, tracks, receivers, starts and goals."""
+        """Yield what stands still on the map; receivers only if no receiver has a track."""
         plan = self.plan
         yield from margin_traces(plan.scenario)
         yield from _airspace_traces(plan.scenario)
@@ -51,12 +52,12 @@ class PlanTraces:
         if not plan.scenario.has_tracks:
             yield from self._receiver_traces(0)
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
-            yield _scatter(  # Wider than the UAVs at these points.
+            yield _scatter(  # The marker is wider than a UAV at the same point.
                 getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
                 marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
 
     def way_traces(self):
-        """Yield the track of each receiver that moves, with times at it."""
+        """Yield the track of each receiver that moves, with _TRACK_MARKS times along it."""
         plan = self.plan
         marks = np.linspace(0, plan.scenario.slots + 1, _TRACK_MARKS).round().astype(int)
         for index, (name, track, color) in enumerate(list_tracks(plan.scenario, plan.times)):
@@ -77,7 +78,7 @@ class PlanTraces:
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
     def flown_traces(self, comparison):
-        """Yield the way that each UAV flew, and the rates achieved, each with its row."""
+        """Yield (trace, row) of the flown paths and of the guaranteed rates that were achieved."""
         style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
                  'line': {'color': EAVESDROPPER, 'width': 1}}
         for index, path in enumerate(comparison.flight.positions):
@@ -87,7 +88,7 @@ class PlanTraces:
                          line_shape='hv', **style), 2
 
     def baseline_traces(self, baselines):
-        """Yield paths and guaranteed rates of baselines in grey, each with its row; see above."""
+        """Yield (trace, row) of the paths and the guaranteed rates of baselines, in grey."""
         drawn = [baseline for baseline, _ in distinct_paths(baselines)]
         for baseline in baselines:
             dash = _PLOTLY_DASHES[scheme_dash(baseline.method)]
@@ -101,7 +102,7 @@ class PlanTraces:
                 line={'color': _GREY, 'width': 1.5, 'dash': dash, 'shape': 'hv'}, **style), 2
 
     def chart_traces(self):
-        """Yield the powers, rates and what is delivered over time, each with its row."""
+        """Yield (trace, row) of powers, rates and delivered bits over time."""
         plan, times = self.plan, self.plan.times.tolist()
         for index, uav in enumerate(plan.scenario.uavs):
             # Zero has no logarithm: slots without power are gaps.
@@ -136,7 +137,7 @@ class PlanTraces:
             label = ' '.join(filter(None, (eve.track and name, receiver_label(eve))))
             if label:
                 side, text = ('right', _SPACE + label) if index % 2 else ('left', label + _SPACE)
-                yield _scatter(  # On the other side than the times of its track.
+                yield _scatter(  # The times of a track of this number are on the other side.
                     centres[index, point][None], text=[text], mode='text',
                     textposition=f'middle {side}',
                     textfont={'color': color}, legendgroup='disc', showlegend=False,
@@ -148,7 +149,7 @@ class PlanTraces:
                     'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):
-        """Yield what moves, at a point: on the map, and dots in the charts with their rows."""
+        """Yield (trace, row) of what moves, at a point: on the map, and dots in the charts."""
         plan, time = self.plan, float(self.plan.times[point])
         if plan.scenario.has_tracks:
             for trace in self._receiver_traces(point):
@@ -159,8 +160,8 @@ class PlanTraces:
                 plan.positions[index, point][None], mode='markers', name=uav.name,
                 legendgroup=uav.name, showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
-                    # In good plans the jamming power is a hundredth of the transmit power. Markers
-                    # of different sizes stay visible at the same position.
+                    # The size is logarithmic, as good plans jam with a hundredth of the transmit
+                    # power. The transmitter is larger, so that a jammer above it stays visible.
                     'size': float((17 if index == 0 else 10)
                                   + 2 * np.log1p(1000 * watts / self.peak)),
                     'line': {'color': 'white', 'width': 1.5}}), None
@@ -173,7 +174,7 @@ class PlanTraces:
             yield _dot(time, float(values[point]), RATE, 'guaranteed'), row
 
     def readout(self, point):
-        """Return the text of the slider at a point, in a line."""
+        """Return the slider's text at a point: time, powers, and rate and delivery so far."""
         time = float(self.plan.times[point])
         began = self.plan.scenario.slot_duration
         watts = ', '.join(
@@ -185,7 +186,7 @@ class PlanTraces:
 
 
 def power_range(plan):
-    """Return the decades of the axis of the powers of a plan in W, at least one."""
+    """Return log10 of the limits of the power axis in W, which are at least a decade apart."""
     peak = max(uav.peak_power for uav in plan.scenario.uavs)
     shown = plan.powers[plan.powers >= _LEAST_POWER * peak]
     return np.log10([min(shown.min(initial=peak) / 1.5, peak / 10), 2 * peak]).tolist()
