@@ -36,7 +36,8 @@ def assert_current(name, computed, pattern=RATE, tolerance=1e-3):
 
 @pytest.mark.parametrize('name, measure', [
     ('rates', lambda folder: measured.measure_rates(folder, proof=0.5)),
-    ('city', measured.measure_city), ('objectives', measured.measure_objectives), ('methods', measured.measure_methods)])
+    ('city', measured.measure_city), ('objectives', measured.measure_objectives),
+    ('methods', measured.measure_methods)])
 def test_a_table_of_rates_is_that_of_today(name, measure, tmp_path):
     table = measure(tmp_path)
     assert_current(name, table)
@@ -58,7 +59,8 @@ def test_the_pictures_of_a_page_of_the_gallery_are_of_its_programs_and_of_what_t
     assert gallery.list_pictures(page)
     for name in gallery.list_pictures(page):
         content = page.with_name(name).read_bytes()
-        assert content.startswith(b'\x89PNG') and gallery.describe_page(page).encode() in content, (
+        assert content.startswith(b'\x89PNG')
+        assert gallery.describe_page(page).encode() in content, (
             f'draw it anew: python -m docs.tools.gallery {page.stem}')
         assert len(content) < 150_000
 
@@ -68,7 +70,8 @@ def test_the_pictures_of_explore_show_the_rates_of_today():
     for name in ('explore-1', 'explore-6'):
         content = (measured.DOCS / f'{name}.png').read_bytes()
         for rate in (plan.worst_case_rate, plan.guaranteed_rate):
-            assert f'{rate:.3f}'.encode() in content, 'draw them anew: python -m docs.tools.screens'
+            assert f'{rate:.3f}'.encode() in content, (
+                'draw them anew: python -m docs.tools.screens')
 
 
 @pytest.mark.soak

@@ -45,7 +45,7 @@ class Grid:
 
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
-        """True for UAVs without time to spare, whose paths are constant, (U,)."""
+        """Whether each UAV has no time to spare, so that its path is constant, (U,)."""
         return self.is_fixed | (
             self.least_flights.find_utilisations(self.scenario) > 1 - _NO_SLACK)
 

@@ -48,7 +48,7 @@ class Promise(NamedTuple):
 
     @property
     def slots(self) -> int:
-        """Number of promised slots."""
+        """Return the number of promised slots."""
         return int(self.mask.sum())
 
     @property
@@ -84,7 +84,7 @@ class Promise(NamedTuple):
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """Times (begin, end) in s of the slots that are not promised."""
+        """Return the times (begin, end) in s of slots that are not promised."""
         step = self.plan.scenario.slot_duration
         edges = np.flatnonzero(np.diff(np.pad(~self.mask, 1).astype(int))) + 1
         return [(float(begin), float(end)) for begin, end in edges.reshape(-1, 2) * step]
