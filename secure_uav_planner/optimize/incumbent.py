@@ -8,7 +8,8 @@ from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import (
     find_rate_scale, guaranteed_node_rates, guaranteed_rates, worst_case_node_rates)
-from ..model.channel.rates import find_least_rate, find_shares
+from ..model.channel.rates import find_least_rate
+from ..model.channel.shares import find_shares
 from ..model.limits import lift_limits
 from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status

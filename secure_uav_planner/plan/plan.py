@@ -22,7 +22,7 @@ from ..mission.fields import (
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_kind, is_sequence
-from ..model.channel.rates import find_shares
+from ..model.channel.shares import find_shares
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Energy
 from ..model.limits.base import POWER_TOLERANCE

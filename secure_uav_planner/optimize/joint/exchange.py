@@ -16,7 +16,8 @@ from .starts import make_strictly_feasible
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
-from ...model.channel.rates import find_least_rate, find_shares, include_listeners
+from ...model.channel.rates import find_least_rate, include_listeners
+from ...model.channel.shares import find_shares
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
