@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import oracle
@@ -24,6 +25,10 @@ LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
 BEST = {('A', 120): 1.4249, ('A', 200): 1.9514, ('B', 120): 0.4255, ('C', 120): 1.1516,
         ('D', 120): 0.6566}
 """The best known guaranteed rates, found by IPOPT from many starts by plain formulas."""
+
+BEST_OF_RANDOM = {1: (0.09314, 0.09314), 2: (0.40014, 0.40014), 3: (0.2387, 0.2419),
+                  4: (0.0799, 0.0799), 5: (0.16, 0.16181), 6: (0.3129, 0.31772)}
+"""The best rates that many searches found for (P2) and (P1) of missions in data/nodes."""
 
 
 def make_mission(places, duration=120.0, **fields):
@@ -96,6 +101,31 @@ def test_plans_are_as_good_as_the_best_known(layout, duration):
     divided = ((plan.shares > 0) & (plan.shares < 1)).any(axis=0)
     assert divided.sum() < len(plan.shares)
     oracle.check_rates(plan)
+
+
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+def test_the_order_of_the_nodes_changes_nothing(objective):
+    nodes = [GroundNode((40, 160), 'a', 2.0), GroundNode((-90, -20), 'b', trusted=False),
+             GroundNode(name='c', track=((0, 60, -170), (100, 10, -120)))]
+    first = solve(make_mission(nodes, slots=24), objective=objective)
+    for order in ([2, 1, 0], [1, 0, 2]):
+        plan = solve(make_mission([nodes[number] for number in order], slots=24),
+                     objective=objective)
+        np.testing.assert_array_equal(plan.positions, first.positions)
+        np.testing.assert_array_equal(plan.shares, first.shares[order])
+        assert plan.guaranteed_rate == pytest.approx(first.guaranteed_rate, rel=1e-9)
+        assert plan.worst_case_rate == pytest.approx(first.worst_case_rate, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number', BEST_OF_RANDOM)
+def test_plans_for_random_missions_are_nearly_as_good_as_the_best_known(number):
+    scenario = Scenario.load(Path(__file__).parent / f'data/nodes/mission_{number}.yaml')
+    guaranteed, worst_case = BEST_OF_RANDOM[number]
+    first = solve(scenario, objective='guaranteed')
+    assert first.guaranteed_rate >= 0.95 * guaranteed
+    plan = solve(scenario)
+    assert plan.worst_case_rate >= max(0.95 * worst_case, (1 - 1e-6) * first.worst_case_rate)
 
 
 def test_weights_divide_the_rates_also_against_the_worst_case():

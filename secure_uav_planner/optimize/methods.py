@@ -8,6 +8,7 @@ from . import joint
 from .deadline import Deadline, OnIteration, run_to_end
 from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
+from .node_order import order_nodes, reorder_nodes, restore_nodes
 from ..errors import (
     FieldPath, format_path, name_missing_package, OptionError, PlanningError, quote)
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
@@ -73,7 +74,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
         _check_scope(scenario)
         with name_missing_package():
             from .alternating import alternate  # Here, because CVXPY takes a second to import.
-    problem = Problem(scenario)
+    order = order_nodes(scenario)
+    problem = Problem(reorder_nodes(scenario, order))
     deadline = _build_deadline(problem, on_iteration, time_limit)
     positions, powers, baseline = None, constant_powers(scenario), None
     if initial is not None:
@@ -86,7 +88,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         status = joint.improve(incumbent)
         if initial is not None and initial.scenario != scenario:
             status = _improve_from_scratch(incumbent, status, baseline)
-        return incumbent.to_plan(method, status)
+        return restore_nodes(incumbent.to_plan(method, status), scenario, order)
     if not incumbent.warm:
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
         joint.optimise_powers(incumbent)

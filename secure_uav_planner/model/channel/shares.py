@@ -44,12 +44,12 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
 
 def _divide(rates: Array, offsets: Array) -> Array:
     """Return the shares of nodes whose means have offsets, (G, N)."""
-    shares, used = np.zeros(rates.shape), rates.any(axis=0)
-    if used.any():
+    shares, used = np.zeros(rates.shape), np.flatnonzero(rates.any(axis=0))
+    if len(used):
         scale = rates.max()
         method = (_take_all, _divide_between_two, _divide_between_many)[min(len(rates), 3) - 1]
         shares[:, used] = method(
-            rates[:, used] / scale, offsets * (len(used) / used.sum() / scale))
+            rates[:, used] / scale, offsets * (rates.shape[1] / len(used) / scale))
     return shares
 
 

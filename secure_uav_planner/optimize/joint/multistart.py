@@ -2,7 +2,9 @@
 Multistart: Newton steps from random starts on a coarse grid, of which the best are finished.
 
 The best starts are polished on the coarse grid from further inside, where steps lead past the
-nearest optimum; the best few are finished on the full grid, and the best plan is polished there.
+nearest optimum. With several ground nodes they hop as well: from smoothly moved flights, steps
+lead to other optima. The best few are finished on the full grid, and the best plan is polished
+there.
 Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun; where
 not, fly-hover-fly with the best powers is tried as well.
 
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from .interior_point import (
     COARSE_MU, COARSE_SLOTS, FINAL_MU, InteriorPointSolver, Optima, SolverDriver, WARM_MU,
     WARM_SHARE)
-from .starts import generate_starts, limit_powers, make_strictly_feasible
+from .starts import generate_hops, generate_starts, limit_powers, make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import NumericalError
 from ...mission.scenario import Array
@@ -36,6 +38,9 @@ POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
 CLOSE = 0.02  # Share, or units of rates, below the best up to which fly-hover-fly is finished.
+NODES_GAP = 0.5  # GAP with several ground nodes, whose starts are farther from the best,
+NODES_STEPS = 25  # and the Newton steps of each polish and hop.
+HOPS = (8, 8, 8, 4, 4, 4)  # Starts that are kept for each round of hops, max(HOPS) in all.
 FINISHED = 2  # The most starts that are finished on the full grid.
 _LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming for power control, in shares of limit_powers.
 _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
@@ -70,8 +75,13 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
         with suppress(*_FAILURES):
             more_x, more_rates = _advance(driver, grid, *next(batches), STEPS)
             x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        near = _select_best(rates, GAP, POLISHED)
-        x, rates = _polish(driver, grid, x[near], rates[near])
+        if len(incumbent.scenario.ground_nodes) == 1:
+            near = _select_best(rates, GAP, POLISHED)
+            x, rates = _polish(driver, grid, x[near], rates[near], POLISH_STEPS)
+        else:
+            near = _select_best(rates, NODES_GAP, POLISHED)
+            x, rates = _polish(driver, grid, x[near], rates[near], NODES_STEPS)
+            x, rates = _hop(driver, grid, x, rates)
         driver.optima = Optima(grid, x[_select_best(rates, GAP, POLISHED)])
     near = _select_best(rates, GAP, 1 if agreed else FINISHED)
     fine = _reduce_elevation_offset(driver, driver.refine_to_full_grid(grid, x[near], COARSE_MU))
@@ -150,14 +160,32 @@ def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
     return solver.x, solver.rates()
 
 
-def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
+def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
+            steps: int) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
     with suppress(*_FAILURES):
         for share in POLISH_MUS:
             mu = np.maximum(share * rates, FINAL_MU)
-            new_x, new_rates = _advance(driver, grid, x, mu, POLISH_STEPS)
+            new_x, new_rates = _advance(driver, grid, x, mu, steps)
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
+    return x, rates
+
+
+def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
+    """Return the best starts (S, N, U, 3) and their rates, (S,), after hops that raise a rate."""
+    rng = np.random.default_rng(6)
+    with suppress(*_FAILURES):
+        for kept in HOPS:
+            best = _select_best(rates, NODES_GAP, kept)
+            x, rates = x[best], rates[best]
+            number = np.arange(max(HOPS)) % len(best)
+            hopped, tried, mu = generate_hops(
+                grid, x[number], rates[number], rng, driver.raise_if_over)
+            new_x, new_rates = _advance(driver, grid, tried, mu, NODES_STEPS)
+            for start, new, rate in zip(number[hopped], new_x, new_rates):
+                if rate > rates[start]:
+                    x[start], rates[start] = new, rate
     return x, rates
 
 

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from .visits import generate_visits, log_uniform
 from ..deadline import DeadlineCheck
 from ..incumbent import find_powers_without_jamming
 from ..initial import build_flights, fly_around, list_orders, move_inside, project
@@ -30,6 +31,15 @@ MORE_JAMMING = 0.05  # The jamming power of every fourth start,
 CLOSE_MU = 3e-3  # and the barrier parameter of every second.
 WAY_PLACES = 128  # Random places around a ground node, of which a short way takes one,
 WAY_DISTANCE = (0.03, 4.0)  # and their distances, as DISTANCE.
+
+VISIT_MU = 0.1  # Barrier parameter of starts that visit ground nodes, in shares of their rates,
+LEAST_MU = 1e-3  # and at least, so that nodes without a rate keep a gradient.
+VISIT_SHARE = 0.01  # Share of each slack that they keep free.
+BASELINE_MU = 0.02  # Barrier parameter of the baseline as a start.
+HOP_WAVES = 5  # Half waves of the fields by which flights are moved in hops.
+HOP_SIZE = (0.03, 0.3)  # Sizes of these fields in mean altitudes, log-uniform.
+HOP_JAMMING = (0.5, 2.0)  # Ratios of jamming powers after and before a hop, log-uniform.
+HOP_MU = (0.003, 0.03)  # Barrier parameters of hops in shares of the rate, log-uniform.
 
 _ON = 0.9  # Power of a UAV that transmits, in units of its average power.
 _SILENT = 1e-5  # Power of a silent UAV, likewise.
@@ -64,7 +74,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     at = np.arange(count * uavs).reshape(count, uavs)
     targets = centres[target, at]
     targets[:, 0] = grounds[0, at[:, 0]]
-    distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (count, uavs, 1))
+    distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
@@ -99,7 +109,7 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
             continue
         stop[:, 0] = grounds[orders[(number - number // 4) % len(orders)]]
         if number >= len(orders):
-            distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (len(stop), 1))
+            distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, (len(stop), 1))
             stop[:, 0] += distances * rng.normal(size=(len(stop), 2))
     return stops
 
@@ -112,7 +122,7 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     these win: without a jammer, places on the way between the nodes may not.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), WAY_PLACES)
-    distances = scenario.altitudes.mean() * _log_uniform(rng, WAY_DISTANCE, (*shape, 1))
+    distances = scenario.altitudes.mean() * log_uniform(rng, WAY_DISTANCE, (*shape, 1))
     distances[:, 0] = 0.0
     places = nodes[order][:, None] + distances * rng.normal(size=(*shape, 2))
     points = np.pad(places.reshape(1, -1, 2), ((0, 0), (1, 1), (0, 0)))
@@ -149,6 +159,37 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     """
     scenario = grid.scenario
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
+    if len(scenario.ground_nodes) == 1:
+        yield from _generate_random(grid, problem, baseline, count, raise_if_over)
+        return
+    visits = _generate_visiting(grid, baseline, count // 2, raise_if_over)
+    ends = 0, FIRST // 2, len(visits[0])
+    random = _generate_random(grid, problem, baseline, count, raise_if_over)
+    for begin, end, (x, mu) in zip(ends, ends[1:], random):
+        yield (np.concatenate([x, visits[0][begin:end]]),
+               np.concatenate([mu, visits[1][begin:end]]))
+
+
+def _generate_visiting(grid: Grid, baseline: Array, count: int,
+                       raise_if_over: DeadlineCheck) -> tuple[Array, Array]:
+    """Return starts that visit all ground nodes well, with barrier parameters; see visits.py."""
+    scenario, most = grid.scenario, limit_powers(grid.scenario)
+    flights, powers, rates = generate_visits(grid, count - 1, most)
+    mus = np.maximum(VISIT_MU * np.log(2) * rates / grid.rate, LEAST_MU)
+    constant = np.repeat(most, grid.slots, axis=1)
+    starts, kept = [], []
+    for flight, power, mu in ((baseline, constant, BASELINE_MU), *zip(flights, powers, mus)):
+        inside = find_interior(grid, flight, VISIT_SHARE, raise_if_over)
+        if inside is not None:
+            starts.append(_scale(grid, inside, _ON * power, _SILENT))
+            kept.append(mu)
+    return np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3), np.array(kept)
+
+
+def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
+                     raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
+    """Yield two batches of starts through random hovering places; see generate_starts."""
+    scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
         places = problem.find_free_places(places[:PLACES], raise_if_over)
@@ -198,10 +239,10 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
     shares = np.full((len(flights), uavs, 1), _ON)
-    shares[:, 1:, 0] = _log_uniform(rng, JAMMING, (len(flights), uavs - 1))
+    shares[:, 1:, 0] = log_uniform(rng, JAMMING, (len(flights), uavs - 1))
     shares[1::4, 1:] = MORE_JAMMING
     powers = np.repeat(shares * limit_powers(scenario), grid.slots, axis=-1)
-    mu = _log_uniform(rng, MU, (len(flights),))
+    mu = log_uniform(rng, MU, (len(flights),))
     mu[1::2] = CLOSE_MU
     for number in range(3, len(flights), 4):
         alone = find_powers_without_jamming(scenario, flights[number][0], _ON)
@@ -210,11 +251,36 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     return _scale(grid, np.array([inside for _, inside in flights]), powers, _SILENT), mu
 
 
-def _log_uniform(rng: np.random.Generator, ends: tuple[float, float],
-                 shape: tuple[int, ...]) -> Array:
-    """Return random numbers that are log-uniform between two ends."""
-    low, high = np.log(ends).tolist()
-    return np.exp(rng.uniform(low, high, shape))
+def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
+                  raise_if_over: DeadlineCheck) -> tuple[list[int], Array, Array]:
+    """
+    Return starts near variables (S, N, U, 3): smoothly moved flights with more or less jamming.
+
+    :param rates: of the variables in units, (S,).
+    :return: the numbers of the variables for which there is a start, the starts, and their barrier
+        parameters.
+    :raises NumericalError: when there are no starts.
+    """
+    scenario, uavs = grid.scenario, len(grid.scenario.uavs)
+    waves = np.arange(1, HOP_WAVES + 1)
+    shapes = np.sin(np.pi * np.linspace(0, 1, grid.slots + 2)[:, None] * waves) / np.sqrt(waves)
+    limits = [limit for limit in build_limits(grid) if isinstance(limit, NormLimit)]
+    hopped, starts = [], []
+    for number, variables in enumerate(x):
+        sizes = scenario.altitudes.mean() * log_uniform(rng, HOP_SIZE, (uavs, 1, 1))
+        flights = grid.positions(variables) + sizes * (
+            shapes @ rng.normal(size=(uavs, HOP_WAVES, 2)))
+        powers = grid.powers(variables)
+        powers[1:] *= log_uniform(rng, HOP_JAMMING, (uavs - 1, 1))
+        for limit in limits:
+            flights = limit.retract(flights)
+        inside = find_interior(grid, flights, _SHARE, raise_if_over)
+        if inside is not None:
+            hopped.append(number)
+            starts.append(_scale(grid, inside, powers, _SILENT))
+    if not hopped:
+        raise NumericalError('no flight strictly inside the limits was found')
+    return hopped, np.array(starts), rates[hopped] * log_uniform(rng, HOP_MU, (len(hopped),))
 
 
 def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Routes, bool]]:

@@ -1,0 +1,221 @@
+"""
+Starts that visit several ground nodes in configurations that serve each of them well.
+
+A node without a rate has no gradient. So every node is visited: all UAVs are at good places for
+it, with good powers, for as long as its weight and its rate there ask for.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..initial import list_orders
+from ...mission.scenario import Array, Scenario
+from ...model.channel import guaranteed_node_rates
+from ...model.grid import Grid
+from ...model.limits import build_limits, NormLimit
+
+CANDIDATES = 4  # Flights that are compared for each start.
+SAMPLES = 1200  # Random configurations for each visit of an order,
+DRAWN = 4  # of which a candidate draws one in so many,
+KEPT = 24  # and compares so many of the best.
+DISTANCE = (0.03, 1.5)  # From eavesdroppers to places of jammers, in mean altitudes, log-uniform.
+AWAY = (0.03, 4.0)  # From ground nodes to places of the transmitter, likewise.
+JAMMING = (1e-4, 1.0)  # Powers of jammers in units of the powers of starts, log-uniform.
+REACH = (0.7, 1.0)  # Shares of the largest speed with which places are in reach, uniform.
+FLYING = 0.6  # Share of the time between the middles of two visits in which UAVs fly on.
+LATE = 3.0  # What it costs a UAV to need twice that time, in logarithms of rates.
+LACK = 1e-4  # Mean rate in bit/s/Hz that counts for a node that nearly has one.
+EQUAL = 0.5  # Share of the flight that is divided equally; the rest is divided by need.
+JITTER = 0.5  # Standard deviation of the logarithms of the durations of visits.
+LEAST_RATE = 0.01  # Share of the largest rate of a visit that counts for every visit at least.
+
+
+class Visits(NamedTuple):
+    """
+    C starts that visit V ground nodes each.
+
+    :param places: of the UAVs, (C, V, U, 2) in m.
+    :param shares: of the powers of starts, (C, V, U).
+    :param ends: of the visits, in shares of the flight, (C, V).
+    """
+
+    places: Array
+    shares: Array
+    ends: Array
+
+
+def generate_visits(grid: Grid, count: int, powers: Array) -> tuple[Array, Array, Array]:
+    """
+    Return starts that visit all ground nodes, in the orders of list_orders in turn.
+
+    :param powers: powers of starts, (U, 1) in W, see limit_powers.
+    :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
+        estimates of the least mean rates over weight in bit/s/Hz, (S,).
+    """
+    scenario, rng = grid.scenario, np.random.default_rng(5)
+    orders = list_orders(
+        scenario, scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0])
+    drawn = -(-CANDIDATES * count // len(orders))
+    visits = Visits(*map(np.concatenate, zip(*(
+        _draw_visits(scenario, order, drawn, powers[:, 0], rng) for order in orders))))
+    flights = _visit_places(grid, visits)
+    for limit in build_limits(grid):
+        if isinstance(limit, NormLimit):
+            flights = np.stack([limit.retract(flight) for flight in flights])
+    slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
+    visit = (slots[:, None] > visits.ends[:, None, :-1]).sum(axis=-1)
+    shares = np.take_along_axis(visits.shares, visit[..., None], 1)
+    power = powers * np.moveaxis(shares, -1, 1)
+    rates = guaranteed_node_rates(
+        scenario, np.pad(_join(flights[:, :, 1:-1]), ((0, 0), (1, 1), (0, 0))), _join(power),
+        times=np.tile(grid.times, len(flights)))
+    rates = rates.reshape(len(rates), len(flights), grid.slots)
+    # A node without a rate counts by how little it lacks.
+    lacks = LACK * 2.0 ** np.minimum(rates.max(axis=-1), 0.0)
+    rates = np.maximum(rates, 0.0)
+    estimates = 1 / (scenario.node_weights[:, None] / np.maximum(
+        rates.mean(axis=-1), lacks)).sum(axis=0)
+    best = np.argsort(-estimates, kind='stable')[:count]
+    # Every second transmits in the slots that win only.
+    wins = rates[:, best[1::2]].any(axis=0)
+    power[best[1::2], 0] *= wins / np.maximum(wins.mean(axis=1, keepdims=True), 1e-3)
+    return flights[best], power[best], estimates[best]
+
+
+def _join(values: Array) -> Array:
+    """Return values of flights, (C, U, N, ...), after each other, (U, C N, ...)."""
+    return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
+
+
+def _draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
+                 rng: np.random.Generator) -> Visits:
+    weights = scenario.node_weights[order]
+    needs = np.full(len(order), 1 / len(order))
+    for _ in range(2):  # At first with equal times, then with those that are needed.
+        ends = np.cumsum(needs)
+        times = (ends - needs / 2) * scenario.times[-1]
+        pool = _sample_configurations(scenario, order, times, powers, rng)
+        rates = pool[2].max(axis=1)
+        durations = weights / np.maximum(rates, max(LEAST_RATE * rates.max(), 1e-9))
+        needs = EQUAL / len(order) + (1 - EQUAL) * durations / durations.sum()
+    visit = np.arange(len(order))
+    durations = needs * np.exp(JITTER * rng.normal(size=(count, len(order))))
+    all_ends = np.cumsum(durations / durations.sum(axis=1, keepdims=True), axis=1)
+    places, shares = [], []
+    for ends in all_ends:
+        times = (ends - np.diff(ends, prepend=0.0) / 2) * scenario.times[-1]
+        drawn = rng.integers(DRAWN, size=pool[2].shape) == 0
+        kept = np.argsort(np.where(drawn, -pool[2], np.inf), axis=1)[:, :KEPT]
+        some_places, some_shares, some_rates = (values[visit[:, None], kept] for values in pool)
+        best = _choose_sequence(scenario, some_places, some_rates, times)
+        places.append(some_places[visit, best])
+        shares.append(some_shares[visit, best])
+    return Visits(np.stack(places), np.stack(shares), all_ends)
+
+
+def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
+                           rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """
+    Return C random configurations to serve each of some ground nodes at times (V,) in s.
+
+    :param order: numbers of the nodes, V.
+    :param powers: powers of starts, (U,) in W.
+    :return: places of the UAVs, (V, U, 2) in m; shares of the powers, (V, U); the node's rate in
+        bit/s/Hz, (V,).
+    """
+    visit, uavs = np.arange(len(order)), len(scenario.uavs)
+    grounds, centres, _ = scenario.receivers_at(times)
+    heard = np.concatenate([centres, grounds[list(scenario.listeners)]])
+    shape = len(order), SAMPLES, uavs
+    targets = heard[rng.integers(len(heard), size=shape), visit[:, None, None]]
+    targets[:, :, 0] = grounds[order, visit][:, None]
+    distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, shape)
+    distances[..., 0] = scenario.altitudes.mean() * log_uniform(rng, AWAY, shape[:2])
+    places = _keep_in_reach(
+        scenario, targets + distances[..., None] * rng.normal(size=targets.shape),
+        times[:, None, None], rng.uniform(*REACH, (*shape[:2], 1)))
+    shares = log_uniform(rng, JAMMING, shape)
+    shares[..., 0] = 1.0
+    flights = np.pad(places.reshape(-1, uavs, 2).swapaxes(0, 1), ((0, 0), (1, 1), (0, 0)))
+    rates = guaranteed_node_rates(
+        scenario, flights, (shares * powers).reshape(-1, uavs).T, times=np.repeat(times, SAMPLES))
+    return places, shares, rates.reshape(-1, *shape[:2])[order, visit]
+
+
+def _choose_sequence(scenario: Scenario, places: Array, rates: Array, times: Array) -> list[int]:
+    """Return which configuration (V, C) each visit takes, so that UAVs have time to fly on."""
+    values = np.log(np.maximum(rates, max(LEAST_RATE * rates.max(), 1e-9)))
+    total, choices = values[0], []
+    for before, here, value, time in zip(places, places[1:], values[1:], np.diff(times)):
+        way = np.linalg.norm(before[:, None] - here, axis=-1) / scenario.max_speeds
+        late = np.maximum(way.max(axis=-1) / (FLYING * time) - 1, 0.0)
+        sums = total[:, None] - LATE * late
+        choices.append(sums.argmax(axis=0))
+        total = sums.max(axis=0) + value
+    best = [int(total.argmax())]
+    for choice in reversed(choices):
+        best.insert(0, int(choice[best[0]]))
+    return best
+
+
+def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array) -> Array:
+    """Return places (..., U, 2) in m, moved to where a share of the speed leads in times in s."""
+    total = scenario.times[-1]
+    straight = scenario.starts + (times / total)[..., None] * (scenario.goals - scenario.starts)
+    speeds = np.maximum(share * scenario.max_speeds, np.linalg.norm(
+        scenario.goals - scenario.starts, axis=-1) / total)
+    offsets, share = places - straight, np.ones(places.shape[:-1])
+    for end, left in ((scenario.starts, times), (scenario.goals, total - times)):
+        # |straight + s offset - end| = speed * left, solved for the share s.
+        away, reach = straight - end, speeds * left
+        square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
+        half = (away * offsets).sum(axis=-1) / square
+        rest = np.maximum(reach**2 - (away**2).sum(axis=-1), 0.0) / square
+        share = np.minimum(share, np.sqrt(half**2 + rest) - half)
+    return straight + share[..., None] * offsets
+
+
+def _visit_places(grid: Grid, visits: Visits) -> Array:
+    """Return flights (C, U, N+2, 2) in m on a grid that pursue places as their goals allow."""
+    scenario = grid.scenario
+    steps = scenario.max_speeds * grid.slot_duration
+    # With a limit of acceleration, velocities are means over the moves that full speed takes.
+    width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
+                for uav in scenario.uavs)
+    moves, each = grid.slots + 1 - width, np.arange(len(visits.ends))
+    place = np.repeat(scenario.starts[None], len(each), axis=0)
+    if (_measure(scenario.goals - scenario.starts) > moves * steps).any():
+        return np.repeat(grid.reference_flight[None], len(each), axis=0)
+    points = [place]
+    for number in range(1, moves + 1):
+        visit = (number / moves > visits.ends[:, :-1]).sum(axis=1)
+        following = visits.places[each, np.minimum(visit + 1, visits.ends.shape[1] - 1)]
+        # Half the way to the next place is flown in the time for the present one.
+        leaves = number / moves + _measure(following - place) / (2 * moves * steps) > (
+            visits.ends[each, visit][:, None])
+        offset = np.where(leaves[..., None], following, visits.places[each, visit]) - place
+        place = place + offset * np.minimum(1.0, steps / np.maximum(_measure(offset), 1e-9)
+                                            )[..., None]
+        offset = place - scenario.goals
+        place = scenario.goals + offset * np.minimum(
+            1.0, steps * (moves - number) / np.maximum(_measure(offset), 1e-9))[..., None]
+        points.append(place)
+    ends = (0, 0), (0, 0), (width, width), (0, 0)
+    path = np.pad(np.stack(points, axis=2), ends, mode='edge')
+    sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
+    flights = (sums[:, :, width + 1:] - sums[:, :, :-width - 1]) / (width + 1)
+    flights[:, :, 0], flights[:, :, -1] = scenario.starts, scenario.goals
+    return flights
+
+
+def _measure(offsets: Array) -> Array:
+    return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
+
+
+def log_uniform(rng: np.random.Generator, ends: tuple[float, float],
+                shape: tuple[int, ...]) -> Array:
+    """Return random numbers that are log-uniform between two ends."""
+    low, high = np.log(ends).tolist()
+    return np.exp(rng.uniform(low, high, shape))

@@ -1,0 +1,46 @@
+"""The order of the ground nodes for the methods: plans do not depend on how they are listed."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from ..mission.scenario import Scenario
+from ..plan.plan import Plan
+
+
+def order_nodes(scenario: Scenario) -> list[int]:
+    """
+    Return the numbers of the ground nodes by their angles, which turn with the map.
+
+    Angles are those around the middle of the nodes from the first UAV's start, at half time.
+    """
+    grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
+    # The exact sum does not depend on the order.
+    middle = np.array([math.fsum(column) for column in grounds.T.tolist()]) / len(grounds)
+    x, y = scenario.starts[0] - middle
+
+    def find_key(number: int) -> tuple[object, ...]:
+        right, up = grounds[number] - middle
+        node, head_starts = scenario.ground_nodes[number], scenario.head_starts
+        return (math.atan2(x * up - y * right, x * right + y * up), math.hypot(right, up),
+                node.weight, node.trusted, head_starts[number] if head_starts else 0.0,
+                node.track or ())
+
+    return sorted(range(len(grounds)), key=find_key)
+
+
+def reorder_nodes(scenario: Scenario, order: list[int]) -> Scenario:
+    """Return a scenario with its ground nodes in an order; unchanged if that is the listed one."""
+    if order == sorted(order):
+        return scenario
+    nodes, head_starts = scenario.ground_nodes, scenario.head_starts
+    return replace(scenario, ground_nodes=tuple(nodes[number] for number in order),
+                   head_starts=tuple(head_starts[number] for number in order if head_starts))
+
+
+def restore_nodes(plan: Plan, scenario: Scenario, order: list[int]) -> Plan:
+    """Return a plan for a scenario whose nodes were reordered for it."""
+    if order == sorted(order):
+        return plan
+    return replace(plan, scenario=scenario, shares=plan.shares[np.argsort(order)])
