@@ -18,7 +18,7 @@ def main() -> int:
 def run_node(name: str) -> None:
     """Run a node, as `ros2 run` does."""
     _end_on_signals()
-    import_module(f'.ros.{name}', __package__).main()
+    import_module(f'.ros.{name}.node', __package__).main()
 
 
 def _end_on_signals() -> None:

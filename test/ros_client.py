@@ -89,7 +89,7 @@ def _ros_args(parameters, namespace=None):
 
 def refusal(capfd, name, **parameters):
     """Start a node in this process; return the line with the reason why it cannot start."""
-    kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
+    kind = getattr(import_module(f'secure_uav_planner.ros.{name}.node'), name.title())
     capfd.readouterr()
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with pytest.raises(SystemExit) as ended:
@@ -139,7 +139,7 @@ def node_here(name, *arguments, namespace=None, **parameters):
 
     For tests that ask a node of their own; tests of processes use node_process.
     """
-    kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
+    kind = getattr(import_module(f'secure_uav_planner.ros.{name}.node'), name.title())
     context, local = Context(), _LocalProcess(name)
     _note(local)
     rclpy.init(context=context, args=[*_ros_args(parameters, namespace), *arguments])

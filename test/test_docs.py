@@ -19,9 +19,9 @@ import pytest
 from ros_client import flat, node_here, values_of, wait_for
 import secure_uav_planner
 from secure_uav_planner import Scenario
-from secure_uav_planner.ros.planner import Planner
+from secure_uav_planner.ros.planner.node import Planner
 from secure_uav_planner.ros.relay_reports import RelayState
-from secure_uav_planner.ros.replay import Replay
+from secure_uav_planner.ros.replay.node import Replay
 from test_security import lone_node
 import yaml
 

@@ -15,8 +15,8 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.status import State, status_values
+from secure_uav_planner.ros.planner.poses import PoseBook
+from secure_uav_planner.ros.planner.status import State, status_values
 from strategies import with_uavs
 
 # As it stands in the paper, with its numbers for a UAV of 20 N and a rotor of 0.4 m.

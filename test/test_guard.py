@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.output.autopilots import Setpoint
-from secure_uav_planner.ros.guard import Guard, Limits
+from secure_uav_planner.ros.relay.guard import Guard, Limits
 
 LIMITS = Limits(max_speed=10.0, max_acceleration=2.0, max_jump=1.0, start_tolerance=0.0,
                 timeout=1.0)

@@ -14,10 +14,11 @@ from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.errors import LateError, SupersededError, TimeLimitError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.scenarios import make_request, StartTime
-from secure_uav_planner.ros.status import level_and_text, plan_values, RequestOutcome, State
+from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
+from secure_uav_planner.ros.planner.poses import PoseBook
+from secure_uav_planner.ros.planner.scenarios import make_request, StartTime
+from secure_uav_planner.ros.planner.status import (
+    level_and_text, plan_values, RequestOutcome, State)
 from studies.flown.missions import limit_acceleration
 from test_plan import gap_plan
 

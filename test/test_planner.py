@@ -48,7 +48,7 @@ def changed(client, **values):
 def set_solver(monkeypatch):
     """Return a function that sets what the planners of this process solve with."""
     return lambda function: monkeypatch.setattr(
-        'secure_uav_planner.ros.solver.solve', function)
+        'secure_uav_planner.ros.planner.solver.solve', function)
 
 
 def fly_baseline(scenario, status='converged', **options):
@@ -345,7 +345,7 @@ def test_the_bound_follows_the_plan_and_a_request_stops_it_first_and_if_it_fails
         solved.append(list(ended))
         raise ValueError('no')
 
-    monkeypatch.setattr('secure_uav_planner.ros.solver.upper_bound', hold_bound)
+    monkeypatch.setattr('secure_uav_planner.ros.planner.solver.upper_bound', hold_bound)
     with node_here('planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
                    plan_file=file):
         assert 'below the best possible' not in client.plan_paper().message

@@ -17,8 +17,8 @@ from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at, wait_
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.mission.fields import RADIUS
-from secure_uav_planner.ros.frames import Frames, transform_message
-from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.planner.frames import Frames, transform_message
+from secure_uav_planner.ros.planner.poses import PoseBook
 from secure_uav_planner.ros.topics import LATCHED
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -43,7 +43,7 @@ def test_a_signal_ends_an_idle_node_that_said_no_more_than_ready_and_a_planner_i
 
 
 def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():
-    subprocess.run([sys.executable, '-c', 'import secure_uav_planner.ros.planner, sys; '
+    subprocess.run([sys.executable, '-c', 'import secure_uav_planner.ros.planner.node, sys; '
                     'assert not {"scipy.sparse", "scipy.linalg"} & {*sys.modules}'], check=True)
 
 

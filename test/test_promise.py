@@ -58,7 +58,7 @@ def texts_of(plan):
     yield 'legend of the page', ' '.join(
         trace.name for trace in page.data if trace.showlegend is not False)
     if find_spec('rclpy') is not None:
-        from secure_uav_planner.ros.status import plan_summary
+        from secure_uav_planner.ros.planner.status import plan_summary
         yield 'status', plan_summary(plan, None)
 
 

@@ -20,7 +20,7 @@ from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.relay import Relay
+from secure_uav_planner.ros.relay.node import Relay
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool

@@ -14,11 +14,11 @@ from secure_uav_planner.errors import (
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.tracking import GAIN
-from secure_uav_planner.ros.guard import Guard, Limits
 from secure_uav_planner.ros.messages import plan_time
-from secure_uav_planner.ros.plan_tracking import PlanTracking
-from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.scenarios import Replanning
+from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
+from secure_uav_planner.ros.planner.poses import PoseBook
+from secure_uav_planner.ros.planner.scenarios import Replanning
+from secure_uav_planner.ros.relay.guard import Guard, Limits
 from secure_uav_planner.ros.settings import objective_from
 from strategies import with_uavs
 

@@ -17,8 +17,9 @@ from ros_client import node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.plan.file import parse_text
 from secure_uav_planner.plan.player import Player
-from secure_uav_planner.ros import messages, plan_reader
-from secure_uav_planner.ros.replay import Replay
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.replay import plan_reader
+from secure_uav_planner.ros.replay.node import Replay
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64, String

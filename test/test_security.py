@@ -11,8 +11,8 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from ros_client import Client, node_process, output_of, wait_for
-from secure_uav_planner.ros.planner import Planner
-from secure_uav_planner.ros.replay import Replay
+from secure_uav_planner.ros.planner.node import Planner
+from secure_uav_planner.ros.replay.node import Replay
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
 ALL_NODES = ('planner', 'replay', 'relay')

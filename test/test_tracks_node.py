@@ -15,10 +15,10 @@ from ros_client import (
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.tracking import PlanClock
-from secure_uav_planner.ros.poses import error_radius, PoseBook
-from secure_uav_planner.ros.receivers import predict_receivers
-from secure_uav_planner.ros.scenarios import make_request, StartTime
-from secure_uav_planner.ros.solver import Job
+from secure_uav_planner.ros.planner.poses import error_radius, PoseBook
+from secure_uav_planner.ros.planner.receivers import predict_receivers
+from secure_uav_planner.ros.planner.scenarios import make_request, StartTime
+from secure_uav_planner.ros.planner.solver import Job
 from simulation import Simulation
 
 NOISE = 5.0  # m along each axis, of measurements

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
     PLANNER, read_specs, RELAY, REPLAY, Spec)
-from secure_uav_planner.ros.status import STATUS_KEYS
+from secure_uav_planner.ros.planner.status import STATUS_KEYS
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 

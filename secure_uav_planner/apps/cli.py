@@ -141,7 +141,7 @@ def _run_node(name: str, arguments: list[str]) -> int:
         raise OptionError(f'the node {name} has no argument {quote(first)}; did you mean '
                           f'--ros-args {brief(" ".join(hint), 200)}?')
     try:
-        import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
+        import_module(f'..ros.{name}.node', __package__).main([sys.argv[0], *arguments])
     except ModuleNotFoundError as error:
         if (error.name or '').startswith(__package__.partition('.')[0]):
             raise

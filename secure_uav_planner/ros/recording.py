@@ -15,7 +15,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64
 
 from . import messages
-from .status import plan_values
+from .planner.status import plan_values
 from ..errors import OptionError, quote
 from ..mission.files import atomic_file
 from ..model import channel

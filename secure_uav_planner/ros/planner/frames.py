@@ -11,10 +11,10 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 
-from .messages import nanoseconds
-from ..errors import brief, describe_error, PoseError, quote, WrongFrameError
-from ..mission.scenario import Array
-from ..output.autopilots import rotation
+from ..messages import nanoseconds
+from ...errors import brief, describe_error, PoseError, quote, WrongFrameError
+from ...mission.scenario import Array
+from ...output.autopilots import rotation
 
 _LONGEST_LAG = 1.0  # s by which the last transform may be older than a pose.
 

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .poses import error_radius, KnownPose, PoseBook
-from ..mission.fields import RADIUS
-from ..mission.scenario import Eavesdropper, GroundNode, Scenario
-from ..mission.tracks import LEFT_OUT, Track
-from ..plan.splice import move_receivers
-from ..plan.tracking import PlanClock
+from ...mission.fields import RADIUS
+from ...mission.scenario import Eavesdropper, GroundNode, Scenario
+from ...mission.tracks import LEFT_OUT, Track
+from ...plan.splice import move_receivers
+from ...plan.tracking import PlanClock
 
 _SHORTEST_TRACK = 1.0  # s
 

@@ -30,17 +30,13 @@ from sensor_msgs.msg import TimeReference
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from . import messages
-from .local import free_domain, isolated, node_process
-from .parameters import PLANNER
-from .topics import LATCHED, member_topics, STREAM
-from ..errors import brief, describe_error, PlanningError, quote
-from ..mission.scenario import Point, Scenario
-from ..plan.file import parse_text
-from ..plan.plan import Plan
-
-__all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_process',
-           'SecurePlanner')
+from .. import messages
+from ..parameters import PLANNER
+from ..topics import LATCHED, member_topics, STREAM
+from ...errors import brief, describe_error, PlanningError, quote
+from ...mission.scenario import Point, Scenario
+from ...plan.file import parse_text
+from ...plan.plan import Plan
 
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s

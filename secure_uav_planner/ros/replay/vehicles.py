@@ -4,11 +4,11 @@ import math
 
 from nav_msgs.msg import Odometry
 
-from .messages import nanoseconds
-from .relay_reports import RelayReports
-from ..errors import quote
-from ..plan.flight import Flight
-from ..plan.player import Point3
+from ..messages import nanoseconds
+from ..relay_reports import RelayReports
+from ...errors import quote
+from ...plan.flight import Flight
+from ...plan.player import Point3
 
 _FRESH_S = 1.0  # Largest age of the odometry that says where a vehicle is now.
 

@@ -63,7 +63,7 @@ def free_domain() -> Iterator[int]:
 def node_process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
     """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
     started = subprocess.Popen(
-        [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
+        [sys.executable, '-m', f'secure_uav_planner.ros.{name}.node', '--ros-args', *parameters],
         start_new_session=True)
     try:
         yield started

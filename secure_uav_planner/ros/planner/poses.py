@@ -10,14 +10,14 @@ from nav_msgs.msg import Odometry
 import numpy as np
 
 from .frames import Message, refuse_frame, turn_covariance
-from .topics import member_topics
-from ..errors import (
+from ..topics import member_topics
+from ...errors import (
     PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
-from ..mission.fields import COORDINATE, find_range, Number, Point, RADIUS
-from ..mission.participants import Uav
-from ..mission.tracks import MAX_SPEED
-from ..mission.validation import Array
-from ..output.autopilots import rotation, Vector
+from ...mission.fields import COORDINATE, find_range, Number, Point, RADIUS
+from ...mission.participants import Uav
+from ...mission.tracks import MAX_SPEED
+from ...mission.validation import Array
+from ...output.autopilots import rotation, Vector
 
 # s between the positions that give the velocity of a UAV without odometry.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0

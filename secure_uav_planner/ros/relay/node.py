@@ -16,16 +16,16 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits, Stream
-from .messages import diagnostic_status, fill_message, import_messages, read_setpoint
-from .parameters import RELAY, RELAY_MEMBERS
-from .process import run_node
-from .references import LocalFrames
-from .relay_reports import RelayState, REPORT_PERIOD
-from .settings import check_references, Settings
-from .topics import (
+from ..messages import diagnostic_status, fill_message, import_messages, read_setpoint
+from ..parameters import RELAY, RELAY_MEMBERS
+from ..process import run_node
+from ..references import LocalFrames
+from ..relay_reports import RelayState, REPORT_PERIOD
+from ..settings import check_references, Settings
+from ..topics import (
     Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
-from ..errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
-from ..output.autopilots import rotation, STACKS, Vector
+from ...errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
+from ...output.autopilots import rotation, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s
 _WARN_AGAIN = 5.0  # s

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import TimeReference
 
-from .messages import nanoseconds, read_plan_time
 from .poses import PoseBook
-from .relay_reports import RelayReports
-from ..errors import LateError, quote, SupersededError
-from ..mission.scenario import Array
-from ..plan.flight import Flight
-from ..plan.plan import Plan
-from ..plan.playback import Playback
-from ..plan.tracking import (
+from ..messages import nanoseconds, read_plan_time
+from ..relay_reports import RelayReports
+from ...errors import LateError, quote, SupersededError
+from ...mission.scenario import Array
+from ...plan.flight import Flight
+from ...plan.plan import Plan
+from ...plan.playback import Playback
+from ...plan.tracking import (
     AchievedRates, deviation, FollowerReports, MeasuredState, PUNCTUAL, SILENCE, Watch)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.

@@ -6,10 +6,10 @@ from functools import partial
 
 from rclpy.task import Future
 
-from ..errors import brief, PlanningError
-from ..plan.file import parse_text
-from ..plan.plan import Plan
-from ..plan.reader import ReaderProcess
+from ...errors import brief, PlanningError
+from ...plan.file import parse_text
+from ...plan.plan import Plan
+from ...plan.reader import ReaderProcess
 
 MOST_CHARACTERS = 250_000
 """Longest text that is read at once: 2,000 slots of two UAVs in about 10 ms."""

@@ -15,20 +15,20 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from . import messages
-from .parameters import REPLAY
 from .plan_reader import PlanReader
-from .process import run_node
-from .settings import Settings
-from .status import WarningLog
-from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from .vehicles import Vehicles
-from ..errors import brief, OptionError, ParameterError, quote
-from ..mission.scenario import Point
-from ..plan.plan import Plan
-from ..plan.playback import Moment
-from ..plan.player import Player, Point3
-from ..plan.tracking import PUNCTUAL
+from .. import messages
+from ..parameters import REPLAY
+from ..planner.status import WarningLog
+from ..process import run_node
+from ..settings import Settings
+from ..topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
+from ...errors import brief, OptionError, ParameterError, quote
+from ...mission.scenario import Point
+from ...plan.plan import Plan
+from ...plan.playback import Moment
+from ...plan.player import Player, Point3
+from ...plan.tracking import PUNCTUAL
 
 _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s

@@ -8,13 +8,13 @@ import threading
 import time
 from typing import Any, TypeAlias
 
-from .settings import objective_from
-from ..bound import shortest_duration, upper_bound
-from ..errors import StoppedError
-from ..mission.scenario import Scenario
-from ..optimize import solve
-from ..plan.plan import Iteration, Plan
-from ..plan.results import Bound
+from ..settings import objective_from
+from ...bound import shortest_duration, upper_bound
+from ...errors import StoppedError
+from ...mission.scenario import Scenario
+from ...optimize import solve
+from ...plan.plan import Iteration, Plan
+from ...plan.results import Bound
 
 _PROGRESS_PERIOD = 0.1  # s
 

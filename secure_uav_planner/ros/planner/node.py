@@ -19,27 +19,27 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
 
-from . import messages
 from .frames import Frames, Message
-from .parameters import PLANNER, PLANNER_MEMBERS
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
-from .process import run_node
-from .references import LocalFrames
 from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
-from .settings import (
-    check_mission_parameters, check_plan_file, load_plan, reserve_plan_file, save_plan, Settings)
 from .solver import Job, Result, SolverThread
 from .status import (
     level_and_text, log_at, State, status_values, warn_of_namesakes, WarningLog)
-from .topics import publishers, serve, subscribe, TOPICS
-from ..bound import explain_refusal
-from ..errors import brief, BusyError, describe_error, PlanningError, PoseError
-from ..optimize.initial import is_similar
-from ..optimize.rejoin import Rejoin
-from ..plan.flight import Flight
-from ..plan.plan import Plan
+from .. import messages
+from ..parameters import PLANNER, PLANNER_MEMBERS
+from ..process import run_node
+from ..references import LocalFrames
+from ..settings import (
+    check_mission_parameters, check_plan_file, load_plan, reserve_plan_file, save_plan, Settings)
+from ..topics import publishers, serve, subscribe, TOPICS
+from ...bound import explain_refusal
+from ...errors import brief, BusyError, describe_error, PlanningError, PoseError
+from ...optimize.initial import is_similar
+from ...optimize.rejoin import Rejoin
+from ...plan.flight import Flight
+from ...plan.plan import Plan
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.

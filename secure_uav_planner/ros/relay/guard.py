@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
-from ..errors import OptionError
-from ..output.autopilots import Setpoint, Vector
+from ...errors import OptionError
+from ...output.autopilots import Setpoint, Vector
 
 _HOLD_DELAY = 0.25
 """

@@ -10,20 +10,20 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
-from .parameters import read_fields
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
-from .settings import airspace_from, channel_from, origin_from, uav_from
-from ..errors import (
+from ..parameters import read_fields
+from ..settings import airspace_from, channel_from, origin_from, uav_from
+from ...errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError,
     TimeLimitError)
-from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..optimize.incumbent import mute_nonpositive_slots
-from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
-from ..plan.flight import Flight
-from ..plan.plan import Plan
-from ..plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
+from ...mission.scenario import Eavesdropper, Point, Scenario, Uav
+from ...optimize.incumbent import mute_nonpositive_slots
+from ...optimize.rejoin import find_first_point, find_rejoin, Rejoin
+from ...plan.flight import Flight
+from ...plan.plan import Plan
+from ...plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.
 _PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5

@@ -10,11 +10,11 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from .poses import PoseBook
-from .topics import member_topics
-from ..errors import brief, describe_error, PlanningError, StoppedError
-from ..plan.plan import Iteration, Plan
-from ..plan.promise import rate_text
-from ..plan.results import Bound
+from ..topics import member_topics
+from ...errors import brief, describe_error, PlanningError, StoppedError
+from ...plan.plan import Iteration, Plan
+from ...plan.promise import rate_text
+from ...plan.results import Bound
 
 _LONGEST_REASON = 4000
 _MOST_WARNINGS = 5  # About a subject, until it is cleared.

@@ -1,0 +1,1 @@
+"""The node relay: setpoints in the messages of autopilots' stacks."""

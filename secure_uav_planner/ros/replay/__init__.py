@@ -1,0 +1,1 @@
+"""The node replay: plans as setpoints in time."""
