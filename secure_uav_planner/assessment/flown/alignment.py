@@ -86,7 +86,7 @@ def fit_shift(logs: Sequence[VehicleLog], curve: Curve, uavs: Sequence[int],
     count = math.ceil((max(log.times[-1] for log in logs) - first) / STEP_S) + 1
     clock = first + STEP_S * np.arange(count)
     planned, _ = _sample(curve, 0)
-    squares, products, weights = 0.0, 0.0, 0.0
+    squares, weights, products = np.zeros(1), np.zeros(1), 0
     for log, uav in zip(logs, uavs, strict=True):
         inside = ((clock >= log.times[0]) & (clock <= log.times[-1])).astype(float)
         flown = np.stack([np.interp(clock, log.times, column)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import os
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import describe_error, LogFileError, name_missing_package, PlanningError
 from ...mission.scenario import Array
@@ -69,9 +69,9 @@ class VehicleLog:
         return replace(self, positions=self.positions + shift, setpoints=setpoints)
 
     @property
-    def is_covered(self) -> Array:
+    def is_covered(self) -> NDArray[np.bool_]:
         """Tell which intervals between samples have no gap and no jump, (K - 1,)."""
-        covered = np.diff(self.times) <= LONGEST_GAP_S
+        covered: NDArray[np.bool_] = np.diff(self.times) <= LONGEST_GAP_S
         covered[np.searchsorted(self.times, self.jumps, 'right')[
             np.isin(self.jumps, self.times[:-1])] - 1] = False
         return covered

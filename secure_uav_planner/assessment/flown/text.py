@@ -36,9 +36,8 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
                 raise LogFileError(f'line {reader.line_num}: {error}') from None
             rows.setdefault((row.get('uav') or uavs[0]).strip(), []).append(values)
     logs = {}
-    for uav, values in rows.items():
-        table = dict(zip(columns, np.array(values).T, strict=True))
-        logs[uav] = _make_log(table)
+    for uav, table in rows.items():
+        logs[uav] = _make_log(dict(zip(columns, np.array(table).T, strict=True)))
     return logs
 
 
