@@ -159,7 +159,7 @@ def _set_value(data: Any, path: FieldPath, value: Any) -> None:
 
 
 def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
-    """Return a text with the changes, whose values are plain ones or _REMOVED."""
+    """Return a text with the changes (path, plain value or _REMOVED)."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     edits = {_edit_value(text, root, path, value, wanted) for path, value in changes}
     reached = len(text)
@@ -202,7 +202,7 @@ def _find_child(node: yaml.Node, key: Any) -> yaml.Node | None:
 
 
 def _find_column(node: yaml.Node) -> int:
-    """Return the column of the lines of a block, whose first may be behind an anchor."""
+    """Return the column at which the lines of a block begin, without an anchor before it."""
     first = node.value[0][0] if isinstance(node, yaml.MappingNode) else node
     return first.start_mark.column
 

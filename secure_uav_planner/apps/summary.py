@@ -184,7 +184,7 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
 
 
 def _list_failures(frame: Any, name: str | None) -> list[str]:
-    """Return how many missions could not be flown, and where, as lines of text."""
+    """Return lines of text: how many missions could not be flown, and at which values."""
     failed = frame.rate.isna()
     if not failed.any():
         return []

@@ -83,7 +83,7 @@ def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
 
 
 def pockets(vertices: Vertices) -> tuple[Vertices, ...]:
-    """Return the polygons by which the convex hull of a polygon exceeds it."""
+    """Return the polygons between the outline of a polygon and its convex hull."""
     polygon = shapely.Polygon(vertices)
     return _outlines(polygon.convex_hull.difference(polygon))
 

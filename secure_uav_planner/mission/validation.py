@@ -53,12 +53,12 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
 
 
 def round_up(value: float, digits: int = 6) -> float:
-    """Round a number up to significant digits: as a least value in a message it suffices."""
+    """Round up to significant digits, so that a least value told in a message suffices."""
     return _round(value, digits, ROUND_CEILING)
 
 
 def round_down(value: float, digits: int = 6) -> float:
-    """Round a number down to significant digits: as a most value in a message it is allowed."""
+    """Round down to significant digits, so that a largest value told in a message is allowed."""
     return _round(value, digits, ROUND_FLOOR)
 
 

@@ -204,7 +204,7 @@ def _line_width(level):
 
 
 def set_up_map(axes, extent):
-    """Set the limits of a map, whose north is up."""
+    """Set limits, labels and equal scales of a map with north up."""
     axes.set(xlabel='east (m)', ylabel='north (m)', aspect='equal', anchor='W',
              xlim=extent[:, 0], ylim=extent[:, 1])
     style_axes(axes)

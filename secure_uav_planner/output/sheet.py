@@ -81,7 +81,7 @@ def lay_out_sheet(figure, parts, title, title_size):
 
 
 def lay_out_map(part):
-    """Place a map and its legend at the right in a figure, whose size follows."""
+    """Place a map with its legend at the right, and give the figure the size of both."""
     figure, sides = part.axes.figure, _map_sides(part.axes)
     width, height = sides * (np.array(_SINGLE_MAP) / sides).min()
     for _ in range(2):

@@ -18,10 +18,10 @@ STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
 
 _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
-_APART_S = 2.0  # Minima of a fit that are nearer to each other are one.
-_ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below this multiple of the RMS, plus m.
-_MOVED_M = 2.0  # Distance from its place by which a vehicle has left.
-_REST_S, _REST_M = 2.0, 0.5  # A vehicle is at rest at first if it moves less in this time.
+_APART_S = 2.0  # Time within which two minima of a fit are taken as one.
+_ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below _ALIKE * RMS + _ALIKE_M.
+_MOVED_M = 2.0  # Distance from the first place at which a vehicle has left it.
+_REST_S, _REST_M = 2.0, 0.5  # A vehicle begins at rest if it moves less than _REST_M in _REST_S.
 _INDEPENDENT_S = 1.0  # Errors of a flight are independent after this time.
 
 
@@ -29,9 +29,9 @@ class Shift(NamedTuple):
     """
     The time of the plan at a time of a log: plan = log - seconds.
 
-    :ivar seconds: in s.
-    :ivar uncertainty: its standard deviation in s.
-    :ivar rms: distance of the flight from the plan in m, RMS, where it was fitted.
+    :ivar seconds: time of the log less time of the plan, in s.
+    :ivar uncertainty: standard deviation of `seconds`, in s.
+    :ivar rms: RMS distance of the flight from the plan in m; NaN if the shift was not fitted.
     """
 
     seconds: float

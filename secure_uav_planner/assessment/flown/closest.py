@@ -56,7 +56,7 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
 
 
 def _choose(best: Closest | None, distances: Array, times: Array, names: str) -> Closest | None:
-    """Return the smaller of a distance and the least of others, which may be NaN."""
+    """Return the smaller of `best` and the least of further distances (K,), which may be NaN."""
     if not np.isfinite(distances).any():
         return best
     index = int(np.nanargmin(distances))

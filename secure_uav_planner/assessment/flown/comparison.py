@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 BROKEN, NEGLIGIBLE = 0.05, 0.01
 """
-Shares of the slot's rate and of the mean rate, by whose sum a broken slot falls short.
+A broken slot has less than planned by BROKEN of the slot's rate plus NEGLIGIBLE of the mean rate.
 
 A delay of 0.3 s changes the rates of slots by up to 2% where UAVs fly fast.
 """
@@ -36,8 +36,8 @@ A delay of 0.3 s changes the rates of slots by up to 2% where UAVs fly fast.
 _LONGEST_DELAY_S = 5.0
 _MOVING = 0.05  # Share of the largest speed below which an error has no direction.
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
-_CONSTANT_DELAY_S = 0.2  # A delay above it is worth a word.
-_LAGGING = 0.5  # Correlation of error and planned acceleration that is worth a word.
+_CONSTANT_DELAY_S = 0.2  # Delay above which start_delay is advised.
+_LAGGING = 0.5  # Correlation of error and planned acceleration above which less is advised.
 
 
 class UavErrors(NamedTuple):
@@ -46,8 +46,8 @@ class UavErrors(NamedTuple):
 
     :ivar delay_s: time by which the UAV is behind its plan along its way.
     :ivar error_rms_m: horizontal distance from the plan at the same time, RMS.
-    :ivar error_max_m: the largest of these distances.
-    :ivar error_max_time_s: its time from point 0.
+    :ivar error_max_m: largest horizontal distance from the plan at the same time.
+    :ivar error_max_time_s: time of the largest distance, from point 0.
     :ivar cross_track_rms_m: distance from the way of the plan, RMS.
     :ivar cross_track_95_m: 95% quantile of the distance from the way.
     :ivar cross_track_max_m: largest distance from the way.
@@ -59,7 +59,8 @@ class UavErrors(NamedTuple):
     :ivar energy_j: energy by the model of propulsion along the way flown; NaN without a model.
     :ivar planned_energy_j: energy of the plan by the same model.
     :ivar battery_j: energy taken from the battery; NaN where the log has none.
-    :ivar setpoint_error_rms_m: distance of the autopilot's targets from the plan; NaN without.
+    :ivar setpoint_error_rms_m: RMS distance of the autopilot's targets from the plan; NaN if the
+        log has no targets.
     """
 
     delay_s: float
@@ -85,8 +86,8 @@ class Comparison:
     """
     What a flight kept of its plan.
 
-    Rates are means over each slot, continuous in time, at the places that were flown and with the
-    powers that were set; where no powers are known, with the plan's.
+    Rates are means over each slot, continuous in time, at the places that were flown. Their powers
+    are the powers that were set, or the plan's powers if the logs have none.
 
     :ivar flight: the FlownFlight.
     :ivar uavs: errors by UAV.
@@ -122,7 +123,7 @@ class Comparison:
 
     @cached_property
     def shortfalls(self) -> Array:
-        """Rate of the plan's objective in each slot less that achieved, (N,); NaN if unknown."""
+        """Planned less achieved rate of the objective in each slot, (N,); NaN if not covered."""
         objective = self.plan.objective
         missing = (self.planned[objective] - self.achieved[objective]).sum(axis=0)
         return np.where(self.covered, missing, np.nan)

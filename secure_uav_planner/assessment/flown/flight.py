@@ -146,7 +146,7 @@ def read_flight(source: Path_ | Mapping[str, Path_], plan: Plan, at: TimeSource 
 
 def _read_logs(source: Path_ | Mapping[str, Path_], names: tuple[str, ...]
                ) -> tuple[dict[str, VehicleLog], FlightBag | None, dict[str, Path]]:
-    """Return the log of each UAV, the bag of all, if it is one, and the file of each."""
+    """Return the logs by UAV, the bag if the source is one, and the files by UAV."""
     if not isinstance(source, Mapping):
         path = Path(checked_path(source))
         kind = path.suffix.lower()
@@ -190,7 +190,7 @@ def _read_log(path: Path, name: str) -> VehicleLog:
 
 
 def _choose_plan(bag: FlightBag, plan: Plan, path: Path) -> Plan:
-    """Return the last plan of a bag, which holds those before in the slots they were flown in."""
+    """Return the last plan of a bag; its slots before the last replan hold the plans before."""
     known = [*bag.identities, *(item.identity for item in bag.plans)]
     if known and plan.identity not in known:
         raise LogFileError(f'{path}: it is a flight of the plan {known[-1]}; the plan that was '

@@ -79,7 +79,7 @@ def _find_jumps(local: Any, times: Array) -> tuple[tuple[float, ...], list[str]]
 
 
 def _find_utc_offset(topics: dict[str, Any]) -> float | None:
-    """Return UTC in s less the log's clock, by the first valid time of the GPS receiver."""
+    """Return UTC less the log's clock in s, the median by a GPS receiver, or None without one."""
     for name in ('vehicle_gps_position', 'sensor_gps'):
         data = topics.get(name, {})
         utc = np.asarray(data.get('time_utc_usec', ()), float)

@@ -18,7 +18,7 @@ MOST_BYTES = 2**20
 """Largest size in bytes of a file that is read; a mission with all lists full has a fifth."""
 
 MOST_VALUES = 200_000
-"""Largest number of values in a document, which few aliases of YAML can multiply."""
+"""Largest number of values in a document: aliases of YAML can multiply them."""
 
 _MOST_LEVELS = 20
 
