@@ -114,8 +114,10 @@ geofence: {fence or 'null'}
     ([[0, 200, -100, 10], [121, 200, 100, 10]], []),
     ([[500, 50, 0, 1], [600, 50, 9, 1]], ['covers 0 of 121 s']),
     ([[-9, 50, 0, 1], [60.5, 50, 9, 1]], ['covers 60.5 of 121 s']),
-    ([[0, 50, 0, 1], [121000, 50, 900, 1]], ['lasts 121000 s, the flight 121 s: s?']),
-    ([[0, 8.53, 47.37, 10], [121, 8.54, 47.38, 10]], ['within 1 m, and 461.'])])
+    ([[0, 50, 0, 1], [121000, 50, 900, 1]],
+     ['lasts 121000 s, the flight 121 s; are its times in seconds?']),
+    ([[0, 8.53, 47.37, 10], [121, 8.54, 47.38, 10]],
+     ['starts and goals; are its positions in metres?'])])
 def test_check_notes_a_track_that_hardly_meets_the_flight(tmp_path, capsys, knots, notes):
     file = tmp_path / 'mission.yaml'
     replace(Scenario.paper(120.0), eavesdroppers=(

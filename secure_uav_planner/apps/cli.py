@@ -133,7 +133,7 @@ def _print_error(text: str) -> None:
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
-    """Run a node in this process; arguments are for ROS, which would ignore those it lacks."""
+    """Run a node in this process; refuse arguments without --ros-args, which ROS would ignore."""
     if arguments and arguments[0] != '--ros-args':
         first = arguments[0]
         hint = (arguments if first.startswith('-') else ['-p', first] if ':=' in first else
@@ -263,7 +263,7 @@ plan allows for. With --flown, it compares a flight with the plan instead.""", {
             'of 95%%)', nargs=3),
         '--positions': _number_option('X Y', 'fixed places (default: the centres)', nargs='+'),
         '--speed-factor': _number_option(
-            'F', 'by what factor eavesdroppers move faster along their tracks than planned'),
+            'F', 'speed of eavesdroppers relative to their planned tracks'),
         '--receiver-db': _number_option(
             'DB', "by how much the eavesdroppers' receivers are better than stated"),
         '--tracking-std': _number_option(

@@ -146,11 +146,12 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
             yield (f'the track of {name} covers {covered:g} of {flight:g} s; before and after, '
                    'it stands')
         if np.ptp(times) > _LONG_TRACK * flight:
-            yield f'the track of {name} lasts {np.ptp(times):g} s, the flight {flight:g} s: s?'
+            yield (f'the track of {name} lasts {np.ptp(times):g} s, the flight {flight:g} s; are '
+                   'its times in seconds?')
         distance = np.linalg.norm(ends[:, None] - places, axis=-1).min()
         if np.ptp(places, axis=0).max() <= _SHORT_TRACK < _FAR * _SHORT_TRACK < distance:
             yield (f'the places of the track of {name} are within {_SHORT_TRACK:g} m, and '
-                   f'{distance:g} m from all starts and goals: m?')
+                   f'{distance:g} m from all starts and goals; are its positions in metres?')
 
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:

@@ -216,7 +216,7 @@ class Scenario(Stored):
     max_energies = _stack_field(
         'uavs', 'max_energy', 'Largest energies of flights, (U,) in J; infinite without a limit.')
     max_accelerations = _stack_field(
-        'uavs', 'max_acceleration', 'Largest accelerations, (U,) in m/s^2; likewise.')
+        'uavs', 'max_acceleration', 'Largest accelerations, (U,) in m/s^2; infinite for None.')
 
     @cached_property
     def node_weights(self) -> Array:
