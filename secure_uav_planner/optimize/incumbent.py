@@ -52,9 +52,10 @@ class Incumbent:
         self.positions = positions
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self.rate = powers, -math.inf
+        self._keeps_energy = True
         self.try_improve()
         if not problem.keeps_energy(positions):
-            self.rate = -math.inf
+            self._keeps_energy, self.rate = False, -math.inf
         if parent is None:
             self.report('start')
 
@@ -66,6 +67,8 @@ class Incumbent:
         :param powers: (U, N) in W, or None for the present ones.
         """
         if positions is None:
+            if not self._keeps_energy:
+                return 0.0  # Other powers do not make these flights feasible.
             positions = self.positions  # To the last bit.
         else:
             positions = self.problem.retract(positions)
@@ -80,6 +83,7 @@ class Incumbent:
         if not gain > 0:  # also when it is NaN
             return 0.0
         self.positions, self.powers, self.shares, self.rate = positions, powers, shares, rate
+        self._keeps_energy = True
         self._rates = (shares * rates).sum(axis=0)
         return gain
 

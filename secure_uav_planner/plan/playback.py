@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .plan import Plan
-from ..mission.fields import check_argument, TIME
+from ..mission.fields import check_argument, checked_truth, TIME
 from ..mission.scenario import Array
 from ..mission.validation import checked_array, checked_kind
 from ..model import channel
@@ -47,7 +47,8 @@ class Playback:
 
     def __init__(self, plan: Plan, mutes_unpromised: bool = False) -> None:
         self.plan = checked_kind('plan', plan, Plan)
-        self._powers = plan.powers * plan.promised_slots if mutes_unpromised else plan.powers
+        is_muted = check_argument('mutes_unpromised', mutes_unpromised, checked_truth)
+        self._powers = plan.powers * plan.promised_slots if is_muted else plan.powers
         self.curve = plan.curve
         self.begin, self.duration = self.curve.begin, self.curve.end
 
@@ -71,6 +72,7 @@ class Playback:
 
     def find_unpromised_slot(self, time: float) -> int:
         """Return the number of the slot at a time in s, or 0 if that slot is promised."""
+        time = check_argument('time', time, TIME)
         slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
         is_slot = 1 <= slot <= self.plan.scenario.slots
         return slot if is_slot and not self.plan.promised_slots[slot - 1] else 0

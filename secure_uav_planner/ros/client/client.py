@@ -24,7 +24,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import String
@@ -37,6 +37,9 @@ from ...errors import brief, describe_error, PlanningError, quote
 from ...mission.scenario import Point, Scenario
 from ...plan.file import parse_text
 from ...plan.plan import Plan
+
+# Latched. An answer names one of the plans that come together, so none of them may be lost.
+_PLANS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _REPEAT = 0.2  # s
 _TIMEOUT = 120.0  # s
@@ -102,7 +105,7 @@ class SecurePlanner:
         for name in self._receivers:  # Discovery takes time.
             for kind in (Odometry, self._pose_kind(name)):
                 self._publisher(name, kind)
-        self.receive(String, 'plan', self._take_plan, LATCHED)
+        self.receive(String, 'plan', self._take_plan, _PLANS)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
         self.receive(TimeReference, 'plan_time', self._take_plan_time)
         self._thread = threading.Thread(target=self._spin, daemon=True)
