@@ -22,11 +22,12 @@ import sys
 
 for file in Path(sys.argv[1]).rglob('*.py'):
     import_module('.'.join(file.with_suffix('').parts))
-folder, command = str(Path.cwd()), 'secure_uav_planner/apps'
+folder = str(Path.cwd())
+own = 'secure_uav_planner/apps', 'secure_uav_planner/assessment/flown'
 for module in [*sys.modules.values()]:
     path = getattr(module, '__file__', None) or ''
     if (path.startswith(folder) and path.endswith('.py') and 'site-packages' not in path
-            and command not in path):
+            and not any(room in path for room in own)):
         nodes = [ast.parse(Path(path).read_text())]
         for node in nodes:
             if not (isinstance(node, ast.If) and 'TYPE_CHECKING' in ast.dump(node.test)):
@@ -40,7 +41,7 @@ for module in [*sys.modules.values()]:
 """
 Imports all modules of a folder, and what these and all that they load import anywhere.
 
-The command, which the package always loads, names itself what is missing for a subcommand.
+The command and the readers of logs, which are always loaded, name themselves what is missing.
 """
 
 
