@@ -14,6 +14,8 @@ from .alignment import STEP_S
 from .closest import Closest, find_fence, find_separation, find_zone
 from .flight import FlownFlight
 from ...errors import name_missing_package, OptionError
+from ...mission import OBJECTIVES
+from ...mission.fields import check_argument, checked_truth, Choice
 from ...mission.scenario import Array, read_only
 from ...mission.validation import checked_kind
 from ...model import channel
@@ -137,6 +139,8 @@ class Comparison:
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
         """Return the mean rate of an objective over the covered slots, in bit/s/Hz."""
+        check_argument('objective', objective, Choice(OBJECTIVES))
+        is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():
             return math.nan
         rates = (self.planned if is_planned else self.achieved)[objective][:, self.covered]
@@ -144,6 +148,7 @@ class Comparison:
 
     def delivered(self, is_planned: bool = False) -> Array:
         """Return what each node got in secret in the covered slots, (G,) in bit/Hz."""
+        is_planned = check_argument('is_planned', is_planned, checked_truth)
         rates = (self.planned if is_planned else self.achieved)[self.plan.objective]
         return np.asarray(rates[:, self.covered].sum(axis=1) * self.plan.scenario.slot_duration)
 

@@ -97,15 +97,19 @@ def read_flight(source: Path_ | Mapping[str, Path_], plan: Plan, at: TimeSource 
     checked_kind('plan', plan, Plan)
     if at is not None:
         check_argument('at', at, Choice(TIME_SOURCES))
+    shifts = {} if shifts is None else shifts
+    if not isinstance(shifts, Mapping):
+        raise OptionError(f'shifts is {quote(shifts)}; it must be a mapping from UAVs to places',
+                          ('shifts',))
     names = tuple(uav.name for uav in plan.scenario.uavs)
     logs, bag, files = _read_logs(source, names)
     if bag is not None:
         plan = _choose_plan(bag, plan, files[names[0]])
-    for name, place in (shifts or {}).items():
+    for name, place in shifts.items():
         if name not in names:
             raise OptionError(f'shift names {quote(name)}; it must be one of {", ".join(names)}')
         logs[name] = logs[name].move(check_argument(f'shift of {name}', place, checked_point))
-    moved = {name: _place_by_origin(log, plan) if name not in (shifts or {}) else None
+    moved = {name: _place_by_origin(log, plan) if name not in shifts else None
              for name, log in logs.items()}
     logs = {name: moved[name] or log for name, log in logs.items()}
     is_shared = len({*files.values()}) == 1
@@ -123,12 +127,12 @@ def read_flight(source: Path_ | Mapping[str, Path_], plan: Plan, at: TimeSource 
                     raise LogFileError('it has no plan_time of this plan')
                 shift = Shift(math.nan, 0.0)
             else:
-                is_placed = all(name in (shifts or {}) or moved[name] for name in group)
+                is_placed = all(name in shifts or moved[name] for name in group)
                 shift = find_shift(members, plan, indices, time_from, not is_placed)
                 doubts += _doubt_shift(group, members, plan, indices, shift)
             for name, index in zip(group, indices, strict=True):
                 clock = _to_plan_time(logs[name], shift)
-                if name not in (shifts or {}) and moved[name] is None:
+                if name not in shifts and moved[name] is None:
                     _check_start(logs[name], clock, plan, index, time_from)
                 found[name] = shift
                 paths.append(_sample(logs[name], clock, times))
@@ -148,7 +152,10 @@ def _read_logs(source: Path_ | Mapping[str, Path_], names: tuple[str, ...]
                ) -> tuple[dict[str, VehicleLog], FlightBag | None, dict[str, Path]]:
     """Return the logs by UAV, the bag if the source is one, and the files by UAV."""
     if not isinstance(source, Mapping):
-        path = Path(checked_path(source))
+        if not isinstance(source, (str, os.PathLike)):
+            raise OptionError(f'source is {quote(source)}; it must be a path, or a mapping of '
+                              'paths', ('source',))
+        path = Path(source)
         kind = path.suffix.lower()
         if kind in _BAGS or path.is_dir():
             with refuse_damage(path):
@@ -163,13 +170,13 @@ def _read_logs(source: Path_ | Mapping[str, Path_], names: tuple[str, ...]
             return {name: logs[name] for name in names}, None, dict.fromkeys(names, path)
         if len(names) > 1:
             raise OptionError(
-                f'the flight is {quote(str(path))}; for several UAVs it must be a bag, a .csv, or '
+                f'source is {quote(str(path))}; for several UAVs it must be a bag, a .csv, or '
                 f'a log of each, such as {names[0]}=a.ulg {names[1]}=b.ulg')
         source = {names[0]: path}
     wrong = [name for name in (*source, *names) if name not in names or name not in source]
     if wrong:
-        raise OptionError(f'the flight has logs of {", ".join(source)}; it must have one of each '
-                          f'of {", ".join(names)}')
+        raise OptionError(f'source has logs of {", ".join(map(str, source))}; it must have one of '
+                          f'each of {", ".join(names)}')
     files = {name: Path(checked_path(source[name])) for name in names}
     return {name: _read_log(path, name) for name, path in files.items()}, None, files
 
