@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from .cli import FAILED, UNCOVERED
 from .missions import choose_picture
 from .planning import drawing_if_possible
 from ..assessment import assess, World
@@ -18,7 +19,6 @@ from ..output.tables import assessment_table
 from ..plan.plan import Plan
 
 _PICTURES, _PAGE = ('.png', '.svg', '.pdf'), '.html'
-_BROKEN, _UNCOVERED = 1, 3  # Exit statuses.
 
 
 def assess_plan(options: argparse.Namespace) -> int | None:
@@ -85,8 +85,8 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
             if not options.json:
                 print(f'\nwritten: {file}')
     if comparison.broken.any():
-        return _BROKEN
-    return None if comparison.covered.all() else _UNCOVERED
+        return FAILED
+    return None if comparison.covered.all() else UNCOVERED
 
 
 def _save_view(comparison: Comparison, file: Path) -> None:
