@@ -1,10 +1,10 @@
 """
 The paper's algorithm, Section III: powers and trajectories in turn, as convex restrictions.
 
-CVXPY states them and Clarabel solves them; CVXPY is imported here and nowhere below, as that takes
-a second. The restriction of trajectories is valid for free space only: it needs a gain whose
-inverse is affine in the squared distance, 1 / g = (d^2 + H^2) / beta_0, which a square's tangent
-then bounds from below.
+CVXPY states the restrictions and Clarabel solves them. Only this module imports CVXPY, because
+the import takes a second. The restriction of trajectories is valid for free space only: it needs
+a gain whose inverse is affine in the squared distance, 1 / g = (d^2 + H^2) / beta_0. The tangent
+of the square then bounds 1 / g from below.
 """
 
 from collections.abc import Callable
@@ -25,28 +25,28 @@ from ..model.cone_program import is_solver_failure
 from ..plan.plan import Status
 
 TOLERANCE = 1e-5
-"""Gain of a round of all steps [bit/s/Hz] below which the round is the last."""
+"""Gain [bit/s/Hz] of a round of all steps below which the method has converged."""
 MAX_ROUNDS = 100
 POWER_STEPS = 3
-"""Steps of Section III-A before each step of Section III-B, which costs five times as much."""
+"""Power steps (III-A) before each trajectory step (III-B); the latter costs five times as much."""
 STRETCH = 2.0
 """
-The factor by which a step is lengthened while the true rate rises.
+Factor by which a step is lengthened while the true rate rises.
 
 Without it, as in the paper, solves take 3.6 times as long and end lower.
 """
 
 _LOG = logging.getLogger(__name__)
 
-_Bound = tuple[Any, list[Any]]  # A CVXPY expression, and the constraints that make it a bound.
+_Bound = tuple[Any, list[Any]]  # A CVXPY expression, and constraints that make it a bound.
 
 
 class Restriction(NamedTuple):
     """
     A convex restriction at a local point.
 
-    :param problem: the cvxpy.Problem, in nats summed over the slots, up to a constant.
-    :param variables: variables of the problem, in units.
+    :param problem: a cvxpy.Problem, whose objective is the sum of rates in nats plus a constant.
+    :param variables: variables of the problem, in units of `unit`.
     :param unit: unit of the variables, in W or m.
     :param get_answer: returns the powers or positions of the solved problem, in W or m.
     """
@@ -72,7 +72,7 @@ def alternate(incumbent: Incumbent) -> Status:
 
 
 def _improve(incumbent: Incumbent, step: str) -> bool:
-    """Take a step, by its name in the history; return True if the solver succeeded."""
+    """Take a step, 'power' or 'trajectory'; return True if the solver succeeded."""
     positions, powers = incumbent.positions, incumbent.powers
     restrict = restrict_powers if step == 'power' else restrict_trajectories
     restriction = restrict(incumbent.scenario, positions, powers)
@@ -81,7 +81,7 @@ def _improve(incumbent: Incumbent, step: str) -> bool:
     if solved:
         name, local = ('powers', powers) if step == 'power' else ('positions', positions)
         move = restriction.get_answer() - local
-        # A restriction is a lower bound: go further along its step while the true rate rises.
+        # A restriction is a lower bound, so the true rate may still rise beyond its optimum.
         length = 1.0
         while incumbent.try_improve(**{name: local + length * move}):
             length *= STRETCH
@@ -93,8 +93,9 @@ def restrict_powers(scenario: Scenario, positions: Array, powers: Array) -> Rest
     """
     Return the convex restriction (13) of problem (11), which maximises the sum of rates.
 
-    All logarithms are natural, their arguments are 1 at the local point, and powers are in units
-    of the average power: values near one keep the solver accurate.
+    Its optimum is a lower bound of the true sum of rates at the powers found, for the given
+    positions. All logarithms are natural, their arguments are 1 at the local point, and powers
+    are in units of the average power, because values near 1 keep the solver accurate.
 
     :param positions: q_i[n], (U, N+2, 2) in m.
     :param powers: the local point p_i^(m)[n], (U, N) in W.
@@ -119,9 +120,10 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
     """
     Return the convex restriction (18) of problem (14), which minimises the loss of rate.
 
-    Its variables are displacements of each UAV, (N+2, 2), from the local point in units of a
-    typical distance, and zeta, xi and tau are logarithms of the paper's, zero at the local point.
-    A logarithm is only defined above zero, so the paper's lower bounds (15d) are not needed.
+    It holds in free space only. Its variables are displacements of each UAV from the local point,
+    (N+2, 2), in units of a typical distance. Its zeta, xi and tau are the logarithms of the
+    paper's variables of these names, and are 0 at the local point. A logarithm is only defined
+    above zero, so the paper's lower bounds (15d) are not needed.
 
     :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
     :param powers: p_i[n], (U, N) in W.
@@ -157,7 +159,7 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
 
 def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
                     y: Any, paths: list[Any]) -> _Bound:
-    """Return upper bounds of the leakage to each eavesdropper, (E, N) in nats."""
+    """Return convex upper bounds of the leakage to each eavesdropper, (E, N) in nats."""
     (grounds, centres, radii), count = scenario.receivers, len(scenario.eavesdroppers)
     squared = guaranteed_squared_distances(scenario, positions)
     gains, inverse = _evaluate_link(
@@ -165,8 +167,8 @@ def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: A
             scenario.receiver_advantages[:, None, None]), squared)
     received, inverse = gains * powers, inverse * unit**2
     distances = np.sqrt(squared) / unit
-    # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and that away
-    # from the ground node makes it pay for the jammer to leave. For the transmitter
+    # (d + eps)^2 has a kink at d = 0, where any direction gives a subgradient. The direction away
+    # from the ground node is chosen, so that it pays for the jammer to leave. For the transmitter
     # [d - eps]^+ is linearised, which is valid inside the disc, unlike (17b).
     away = _normalise(positions[:, 1:-1] - grounds[0], np.array([1.0, 0.0]))
     slopes = 2 * (distances * inverse)[..., None] * _normalise(
@@ -190,18 +192,18 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, floa
     """
     Solve a CVXPY problem by Clarabel.
 
-    A failure of the solver is not raised, as the callers keep their best iterate. A problem that
-    breaks CVXPY's rules raises: that is an error in the program.
+    A failure of the solver is not raised, because the callers keep their best iterate. A problem
+    that breaks CVXPY's rules raises CVXPY's error, because the program is wrong.
 
-    :param time_left: the limit for Clarabel in s.
-    :return: whether the variables hold a solution, and the time of Clarabel in s.
+    :param time_left: time limit for Clarabel [s].
+    :return: whether the variables hold a solution, and the time [s] that Clarabel took.
     """
     # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
     data, chain, inverse_data = problem.get_problem_data(cp.CLARABEL, solver_opts={})
     options = {} if math.isinf(time_left) else {'time_limit': time_left}
     try:
-        # A warm start would only update the last call's solver, which Clarabel refuses when an
-        # entry of a matrix becomes zero or nonzero; CVXPY 1.6.7 to 1.8.1 pass the refusal on.
+        # A warm start would update the solver of the last call. Clarabel refuses this when an
+        # entry of a matrix becomes zero or nonzero, and CVXPY 1.6.7 to 1.8.1 raise the refusal.
         solution = chain.solve_via_data(
             problem, data, warm_start=False, verbose=False, solver_opts=options)
     except BaseException as error:
@@ -210,7 +212,7 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, floa
         _LOG.debug('Clarabel failed', exc_info=True)
         return False, 0.0
     with warnings.catch_warnings():
-        # An inaccurate solution is as good: the caller measures it by the true objective.
+        # An inaccurate solution is accepted: the caller judges it by the true objective.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
         try:
             problem.unpack_results(solution, chain, inverse_data)
@@ -220,7 +222,7 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, floa
 
 
 def _log_of_sum(gains: Array, local: Array, powers: Any) -> Any:
-    """Return the concave log(1 + sum_i g_i p_i), less its value at the local point, (N,)."""
+    """Return the concave log(1 + sum_i g_i p_i) minus its value at the local point, (N,)."""
     total = _total(gains, local)
     return cp.log(1 / total + _dot(gains / total, powers))
 
@@ -237,7 +239,7 @@ def _dot(slopes: Array, powers: Any) -> Any:
 
 
 def _total(gains: Array, local: Array) -> Array:
-    """Return the power received at the local point with the noise, whose power is 1, (N,)."""
+    """Return noise, whose power is 1, plus the power received at the local point, (N,)."""
     return np.asarray(1 + (gains * local).sum(axis=0))
 
 
@@ -247,22 +249,24 @@ def _drop_transmitter(gains: Array) -> Array:
 
 
 def _evaluate_link(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
-    """Return the gains, and 1 / (d^2 + H^2), which is -g' / g in free space and only there."""
+    """Return the gains and 1 / (d^2 + H^2), which equals -g' / g in free space only."""
     return link.gain(squared), 1 / (squared + link.squared_altitudes)
 
 
 def _log_of_sum_bound(received: Array, slopes: Array, x: Any, y: Any,
                       receivers: int = 1) -> _Bound:
     """
-    Return upper bounds of log(1 + sum_k s_k exp(-y_k)), less their values at the local point.
+    Return upper bounds of log(1 + sum_k s_k exp(-y_k)) minus their values at the local point.
 
-    s_k is a received power there, and y_k a lower bound of the change of log(d_k^2 + H_k^2): the
-    logarithm of one of the paper's zeta, xi and tau, whose squares are linearised.
+    s_k is the power received from sender k at the local point. y_k is a lower bound of the change
+    of log(d_k^2 + H_k^2): the logarithm of one of the paper's zeta, xi and tau, whose squares are
+    linearised.
 
-    :param received: s_k, all of the first receiver, then all of the next, (R K, N).
+    :param received: s_k of the K senders at receiver 1, then at receiver 2, ..., (R K, N).
     :param slopes: gradients of y_k, (R K, N, 2) in 1/unit.
-    :param x: displacements of the senders, (R K, N) in units, as y.
-    :param receivers: R.
+    :param x: x-coordinates of the displacements of the senders, (R K, N) in units.
+    :param y: y-coordinates of the displacements, (R K, N) in units.
+    :param receivers: number R of receivers.
     :return: a variable, (R, N) in nats, and the constraints that make it an upper bound.
     """
     senders, slots = x.shape
@@ -280,17 +284,19 @@ def _log_of_sum_bound(received: Array, slopes: Array, x: Any, y: Any,
 def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centres: Array,
                    radii: Array) -> _Bound:
     """
-    Return upper bounds of -log(1 + sum of jamming), with c of the paper, (E, N) in nats.
+    Return upper bounds of -log(1 + sum of jamming) minus their values at the local point.
 
-    They are weighted sums of (d + eps)^2, less their values at the local point.
+    They are sums of (d + eps)^2 over the jammers with weights, the paper's c.
 
     :param weights: (E, U - 1, N) in 1/unit^2.
     :param distances: d + eps at the local point, (E, U - 1, N) in units.
-    :param positions: of every jammer, (N, 2) in units, as centres (E, N, 2) and radii (E, N) of
-        discs.
+    :param positions: positions of each jammer, (N, 2) in units.
+    :param centres: centres of the eavesdroppers' discs, (E, N, 2) in units.
+    :param radii: radii eps of the discs, (E, N) in units.
+    :return: bounds (E, N) in nats, and the constraints that make them upper bounds.
     """
     count, jammers, slots = weights.shape
-    farthest = cp.Variable((count * jammers, slots))  # d + eps
+    farthest = cp.Variable((count * jammers, slots))  # The largest distances d + eps.
     repeat = np.tile(np.eye(jammers), (count, 1))
     sums = np.kron(np.eye(count), np.ones((1, jammers)))
     offsets = [
@@ -304,11 +310,11 @@ def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centr
 
 
 def _along(slopes: Array, x: Any, y: Any) -> Any:
-    """Return scalar products of gradients (K, N, 2) with displacements, (K, N)."""
+    """Return scalar products of gradients (K, N, 2) with displacements (x, y), (K, N)."""
     return cp.multiply(slopes[..., 0], x) + cp.multiply(slopes[..., 1], y)
 
 
 def _normalise(offset: Array, fallback: Array) -> Array:
-    """Return the offsets (..., 2) as unit vectors, or a fallback if the length is 0."""
+    """Return offsets (..., 2) as unit vectors; an offset of length 0 becomes the fallback."""
     distance = np.linalg.norm(offset, axis=-1, keepdims=True)
     return np.where(distance > 0, offset / np.where(distance > 0, distance, 1), fallback)

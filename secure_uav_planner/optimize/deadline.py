@@ -12,10 +12,10 @@ from ..errors import NumericalError, StoppedError, TimeLimitError
 from ..plan.results import Iteration, Status
 
 DeadlineCheck: TypeAlias = Callable[[], None]
-"""Called now and then in a search, as Deadline.raise_if_over; what it raises ends the search."""
+"""Deadline.raise_if_over or a like function, which a search calls often; its errors end it."""
 
 OnIteration: TypeAlias = Callable[[Iteration], object]
-"""A callback, which cancels by returning True."""
+"""A callback of solve or upper_bound; returning True cancels the call."""
 
 
 class Deadline:
@@ -23,9 +23,10 @@ class Deadline:
     The time limit and the callback of a call, from its beginning.
 
     :param callback: called with every Iteration that is reported.
-    :param time_limit: in s from now, or None.
-    :param period: in s, after which the callback is called again with the last one.
-    :param goal: what the call has not found when it ends by an error, in words.
+    :param time_limit: limit of the time [s] from now, or None.
+    :param period: time [s] without a report after which raise_if_over reports the last Iteration
+        again.
+    :param goal: words for the error texts: what was not found before the call had to end.
     :ivar is_cancelled: whether the callback has cancelled.
     """
 
@@ -38,17 +39,17 @@ class Deadline:
         self._goal = goal
         self._started = time.monotonic()
         self._last = Iteration(0, 'start', 0.0, 0.0, 0.0)
-        self._last_call = -math.inf  # In s from the beginning.
+        self._last_call = -math.inf  # Time [s] of the last report, since the call began.
         self.is_cancelled = False
 
     @property
     def elapsed(self) -> float:
-        """Time since the beginning, in s."""
+        """Time [s] since the call began."""
         return time.monotonic() - self._started
 
     @property
     def time_left(self) -> float:
-        """Time until the end in s, infinite without a limit."""
+        """Time [s] until the time limit; infinite without one."""
         return self._time_limit - self.elapsed
 
     @property
@@ -57,16 +58,19 @@ class Deadline:
         return self._callback is not None or math.isfinite(self._time_limit)
 
     def report(self, iteration: Iteration) -> None:
-        """Call the callback, which may cancel."""
+        """Call the callback with an Iteration; it may cancel the call."""
         self._last, self._last_call = iteration, self.elapsed
         if self._callback is not None and self._callback(iteration):
             self.is_cancelled = True
 
     def raise_if_over(self, reserve: float = 0.0) -> None:
         """
-        Raise an error if the call must end; report again if that is due.
+        Raise an error if the call must end.
 
-        :param reserve: time in s that must be left for what comes after.
+        After `period` without a report it first reports the last Iteration again, so that the
+        callback can cancel.
+
+        :param reserve: time [s] that must be left after this part of the call.
         :raises StoppedError: when the callback has cancelled.
         :raises TimeLimitError: when no more time than the reserve is left.
         """
@@ -80,7 +84,7 @@ class Deadline:
                 'found; with more time, or fewer slots, there may be some')
 
     def is_over(self) -> bool:
-        """Return True if the call must end, for a part that ends by itself; see raise_if_over."""
+        """Return True if the call must end. Like raise_if_over, it may call the callback."""
         try:
             self.raise_if_over()
         except (StoppedError, TimeLimitError):
@@ -89,7 +93,7 @@ class Deadline:
 
 
 def run_to_end(method: Callable[..., Status], *arguments: object) -> Status:
-    """Call a method; return its status, or that of the error that ended it."""
+    """Call a method; return its status, or the status that belongs to the error that ended it."""
     try:
         return method(*arguments)
     except (StoppedError, TimeLimitError, NumericalError) as error:

@@ -14,9 +14,9 @@ from ..model.limits import lift_limits
 from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status
 
-_NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
-_IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.
-_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Of the present power, that try_less_jamming tries.
+_NEGLIGIBLE_RATE = 1e-7  # Rate that counts as 0, in bit/s/Hz times find_rate_scale.
+_IDLE_SHARE = 1e-3  # Fraction of the mean rate up to which a slot is idle.
+_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Fractions of the jamming power to try.
 
 
 class Incumbent:
@@ -27,15 +27,15 @@ class Incumbent:
     converged. Only feasible iterates that raise the true objective are kept, so the objective
     is monotone and there is a plan at any time.
 
-    :param problem: that the call solves.
-    :param positions: feasible start, (U, N+2, 2) in m, which only may take too much energy.
-    :param powers: feasible start, (U, N) in W.
-    :param deadline: of the call, to which every Iteration is reported.
+    :param problem: the problem to be solved.
+    :param positions: start, (U, N+2, 2) in m, feasible except that it may take too much energy.
+    :param powers: feasible powers of the start, (U, N) in W.
+    :param deadline: deadline of the call, to which every Iteration is reported.
     :param warm: whether the start is an earlier plan.
     :param objective: the rate to be raised.
-    :param parent: the incumbent of the call where this is one of a part, and which reports for it.
-    :ivar rate: of the present iterate, in bit/s/Hz; -infinite if it takes too much energy.
-    :ivar shares: of the slots for the ground nodes, (G, N), likewise.
+    :param parent: enclosing incumbent, which makes the reports; None for the outermost one.
+    :ivar rate: rate of the present iterate [bit/s/Hz]; -infinite if it takes too much energy.
+    :ivar shares: fraction of each slot for each ground node in the present iterate, (G, N).
     """
 
     def __init__(self, problem: Problem, positions: Array, powers: Array,
@@ -61,15 +61,16 @@ class Incumbent:
 
     def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
         """
-        Keep an iterate if, made feasible, it is better; return the gain in bit/s/Hz, or 0.
+        Retract an iterate to the limits, and keep it if its rate is higher.
 
-        :param positions: (U, N+2, 2) in m, or None for the present ones.
-        :param powers: (U, N) in W, or None for the present ones.
+        :param positions: (U, N+2, 2) in m, or None for the present positions.
+        :param powers: (U, N) in W, or None for the present powers.
+        :return: the gain [bit/s/Hz], or 0 if the iterate is not kept.
         """
         if positions is None:
             if not self._keeps_energy:
                 return 0.0  # Other powers do not make these flights feasible.
-            positions = self.positions  # To the last bit.
+            positions = self.positions  # Not retracted, so that no digit changes.
         else:
             positions = self.problem.retract(positions)
             if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
@@ -80,7 +81,7 @@ class Incumbent:
         shares = find_shares(self.scenario, rates)
         rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
         gain = rate - self.rate
-        if not gain > 0:  # also when it is NaN
+        if not gain > 0:  # A gain that is NaN is refused as well.
             return 0.0
         self.positions, self.powers, self.shares, self.rate = positions, powers, shares, rate
         self._keeps_energy = True
@@ -89,9 +90,9 @@ class Incumbent:
 
     def try_less_jamming(self) -> None:
         """
-        Try shares of the present jamming power, and no jamming in the slots that win without it.
+        Try less jamming power, and no jamming at all.
 
-        Powers have local optima, and those with much jamming are usually the worse.
+        Powers have local optima, and optima with much jamming are usually worse than others.
         """
         present = self.powers
         for share in _JAMMING_SHARES:
@@ -102,7 +103,7 @@ class Incumbent:
 
     def try_idle_slots(self) -> None:
         """
-        Try, in slots that carry nothing, the powers of the nearest slots that do, or none.
+        Try the powers of the nearest useful slots in idle slots, then no power in idle slots.
 
         Powers have local optima in each single slot: silence between slots that transmit, or so
         much jamming that nothing arrives.
@@ -128,17 +129,17 @@ class Incumbent:
         self.try_improve(powers=quiet * (self.powers.mean(axis=1) / spent)[:, None])
 
     def with_objective(self, objective: Objective) -> 'Incumbent':
-        """Return an incumbent for another objective, from the present iterate, as a part."""
+        """Return an incumbent from the present iterate for another objective, enclosed by this."""
         return Incumbent(self.problem, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
     def without_energy_limits(self, objective: Objective) -> 'Incumbent':
-        """Return an incumbent without limits of energy, from the present iterate, as a part."""
+        """Return an incumbent from the present iterate without max_energy, enclosed by this."""
         return Incumbent(Problem(lift_limits(self.scenario)), self.positions, self.powers,
                          self.deadline, self.warm, objective, parent=self)
 
     def report(self, step: str) -> None:
-        """Add the present iterate to the history and call the callback."""
+        """Report the outermost incumbent's iterate: add to its history and call the callback."""
         if self._parent is not None:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
@@ -150,11 +151,11 @@ class Incumbent:
 
     @property
     def useful_powers(self) -> Array:
-        """Powers of the present iterate, zero in slots that carry nothing, (U, N) in W."""
+        """Powers of the present iterate, 0 in slots whose rate is 0, (U, N) in W."""
         return np.where(self._rates > 0.0, self.powers, 0.0)
 
     def to_plan(self, method: str, status: Status) -> Plan:
-        """Return the iterate as a Plan, in which slots that carry nothing are silent."""
+        """Return the iterate as a Plan, whose slots of rate 0 send no power."""
         if not self.deadline.is_over():
             self.try_idle_slots()
         if self.rate > self.history[-1].rate:
@@ -168,23 +169,27 @@ def mute_nonpositive_slots(scenario: Scenario, positions: Array, powers: Array,
                            objective: Objective = 'guaranteed', times: Array | None = None
                            ) -> tuple[Array, Array]:
     """
-    Return powers (U, N) in W, silent where all rates are negative, and the nodes' rates (G, N).
+    Return powers without transmission in slots whose rates are all negative, and the rates.
 
     :param times: as for guaranteed_rates.
+    :return: powers (U, N) in W and rates [R]^+ of each ground node (G, N) in bit/s/Hz.
     """
     rates = (guaranteed_node_rates if objective == 'guaranteed' else worst_case_node_rates)(
         scenario, positions, powers, times=times)
     powers = powers.copy()
     powers[0, (rates < 0).all(axis=0)] = 0.0
-    return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.
+    return powers, np.maximum(rates, 0.0)  # A slot without transmission has rate 0.
 
 
 def find_powers_without_jamming(scenario: Scenario, positions: Array,
                                 share: float = 1.0) -> Array | None:
     """
-    Return powers that transmit only in the slots that win without any jamming, (U, N) in W.
+    Return powers that transmit only in slots with a positive guaranteed rate without jamming.
 
-    Their mean is a share of the transmitter's average power. None where no slot wins.
+    The slots are judged at `share` times the average power in every slot.
+
+    :param share: mean of the returned powers over the transmitter's average power.
+    :return: powers (U, N) in W, or None if no slot has a positive rate.
     """
     powers = np.zeros((len(scenario.uavs), scenario.slots))
     powers[0] = share * scenario.average_powers[0]

@@ -22,12 +22,13 @@ __all__ = ['METHODS', 'Method', 'Power', 'check_objective', 'fly_hover_fly', 'so
 
 MAX_GAINS = 50_000
 """
-The most slots * uavs * eavesdroppers of the alternating method.
+Largest slots * uavs * eavesdroppers that the alternating method accepts.
 
-A deadline cannot interrupt CVXPY while it compiles a problem, which takes up to two seconds then.
+A deadline cannot interrupt CVXPY while it compiles a problem, which takes two seconds at this
+size.
 """
 
-_PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
+_PERIOD = 0.05  # Longest time [s] between calls of the callback in a search for flights.
 
 
 def solve(scenario: Scenario, method: Method = 'joint',
@@ -43,25 +44,26 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :param method: one of METHODS: 'joint', positions and powers together from several starts, or
         'alternating', the paper's Section III.
     :param on_iteration: called with an Iteration after every step; returning True stops the run.
-        Where flights go around zones or keep a separation, it is also called several times a
-        second between steps, with the last Iteration, or one of rate 0 before the first.
-    :param time_limit: in s; past it the best feasible plan so far is returned.
+        In a mission with zones, a fence or a separation it is also called several times a second
+        between steps, with the last Iteration. Before the first step this Iteration has rate 0.
+    :param time_limit: time [s] after which the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
-        for another scenario with as many UAVs; it is then made feasible in this one, and 'joint'
-        begins from scratch, too, as far as the time limit leaves room.
+        for another scenario with as many UAVs. It is then made feasible in this scenario, and
+        'joint' also plans from scratch if the time limit leaves time for it.
     :param objective: one of plan.OBJECTIVES: 'worst_case' is the true worst case of problem (P1),
-        by 'joint' only, 'guaranteed' the lower bound by formula of problem (P2). By default that
-        of the initial plan, if the same method made it, or else 'worst_case' for 'joint' and
-        'guaranteed' for 'alternating'.
+        which only 'joint' has; 'guaranteed' is its lower bound by formula, problem (P2). By
+        default it is the objective of the initial plan if the same method made this plan.
+        Otherwise it is 'worst_case' for 'joint' and 'guaranteed' for 'alternating'.
     :return: a Plan.
     :raises OptionError: for an unknown method or objective, a scenario too large for
         'alternating' or with limits or a channel that it does not have, a time limit that is not
         positive, or an initial plan with another number of UAVs.
     :raises InfeasibleMissionError: when speed, acceleration, zones, fence or separation leave no
         flights in the duration, naming the UAV, what is in its way, and the shortest duration
-        found; or when none are found within max_energy, naming the least energy that was found.
+        found; or when no flights within max_energy are found, naming the least energy found.
     :raises StoppedError: when the run is stopped before flights were found that keep these limits.
-    :raises TimeLimitError: when the time limit is over before that.
+    :raises TimeLimitError: when the time limit is over before flights were found that keep these
+        limits.
     :raises MissingPackageError: when 'alternating' is asked for, and CVXPY is not installed.
     """
     checked_kind('scenario', scenario, Scenario)
@@ -97,12 +99,13 @@ def solve(scenario: Scenario, method: Method = 'joint',
 
 def _improve_from_scratch(incumbent: Incumbent, status: Status, baseline: Array | None) -> Status:
     """
-    Improve an Incumbent of a status from scratch; return the status of the better plan.
+    Plan from scratch and keep the better plan in an Incumbent; return the better plan's status.
 
-    :param baseline: fly_hover_fly_positions, if they are there already.
+    :param status: status of the incumbent's present plan.
+    :param baseline: fly_hover_fly_positions, or None if they are not yet computed.
     """
     problem, deadline = incumbent.problem, incumbent.deadline
-    with suppress(PlanningError):  # The plan that there is needs no such flights.
+    with suppress(PlanningError):  # The incumbent's plan is an answer without them.
         deadline.raise_if_over()
         if baseline is None:
             baseline = fly_hover_fly_positions(problem, deadline.raise_if_over)
@@ -123,14 +126,16 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
 
     :param scenario: a Scenario.
-    :param power: 'constant', the average power in every slot, or 'optimised' for these flights,
-        as Section III-A does.
+    :param power: 'constant' for the average power in every slot, or 'optimised' for the powers
+        that problem (11) of Section III-A asks for on these flights.
     :param on_iteration: as for solve.
     :param time_limit: as for solve.
     :return: a Plan.
     :raises OptionError: for another power, or a time limit that is not positive.
-    :raises InfeasibleMissionError: as for solve, as StoppedError and TimeLimitError are.
-    :raises PlanError: where it takes more than max_energy.
+    :raises InfeasibleMissionError: as for solve.
+    :raises StoppedError: as for solve.
+    :raises TimeLimitError: as for solve.
+    :raises PlanError: when fly-hover-fly takes more than max_energy.
     """
     checked_kind('scenario', scenario, Scenario)
     check_argument('power', power, Choice(get_args(Power)))
@@ -154,9 +159,10 @@ def _build_deadline(problem: Problem, on_iteration: OnIteration | None,
 
 def check_objective(method: str, objective: str | None = None) -> Objective:
     """
-    Return the objective of a method, by default its own.
+    Return an objective that a method has; without one, the default of the method.
 
-    :raises OptionError: for an unknown method or objective, or one that the method does not have.
+    :raises OptionError: for an unknown method or objective, or an objective that the method does
+        not have.
     """
     check_argument('method', method, Choice(METHODS))
     if objective is None:
@@ -177,7 +183,7 @@ def _check_scope(scenario: Scenario) -> None:
            for number, uav in enumerate(scenario.uavs)}}
     channel = scenario.channel
     gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)
-    path: FieldPath = ()  # Of the field in a scenario.
+    path: FieldPath = ()  # The field of the scenario that the method cannot plan.
     nodes = len(scenario.ground_nodes)
     if nodes > 1:
         path = ('ground_nodes',)

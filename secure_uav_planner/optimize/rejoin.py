@@ -1,10 +1,11 @@
 """
 The beginning of a replan, and the path of the setpoints to it.
 
-The path of the last plan stays as it is up to a point `first`. From there, the path of each UAV
-that is off its plan leads to the predicted state of the UAV at `point`, within the limits of speed
-and acceleration, so that setpoints never jump. A UAV that will be back on its plan by then stays
-on it. `point` is the soonest that all UAVs can reach, and from which they can reach their goals.
+The path of the last plan is kept up to and including a point `first`. From there, the path of
+each UAV that is off its plan leads to the predicted state of this UAV at `point`, within the
+limits of speed and acceleration, so that setpoints never jump. A UAV that will be back on its
+plan at `point` stays on its plan. `point` is the soonest point at which all UAVs can be met and
+from which they can reach their goals.
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from ..plan.playback import Playback
 from ..plan.splice import continue_plan, cut_tail, move_receivers
 from ..plan.tracking import deviation, MeasuredState, predict_return, predict_stop
 
-_GROWTH = 1.25  # Ratio of successive distances, in slots, between points that are tried.
+_GROWTH = 1.25  # Ratio of successive distances [slots] between points that are tried.
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,13 @@ class Rejoin:
     """
     The beginning of a replan.
 
-    :param plan: the last plan, which it continues.
-    :param first: the last point of its path that stays as it is.
+    :param plan: the last plan, which the replan continues.
+    :param first: the last point of the last plan's path that is kept.
     :param point: the point at which the replan begins.
-    :param positions: the path up to there, (U, point + 1, 2) in m.
-    :param powers: likewise, (U, point) in W.
-    :param tail: the rest of the last plan, as a start for solve.
-    :param scenario: the rest of the mission.
+    :param positions: path from the last plan's start to `point`, (U, point + 1, 2) in m.
+    :param powers: powers of the slots before `point`, (U, point) in W.
+    :param tail: the rest of the last plan from `point`, as a start for solve.
+    :param scenario: the rest of the mission, which the replan solves.
     """
 
     plan: Plan
@@ -52,18 +53,26 @@ class Rejoin:
 
     @property
     def effect(self) -> float:
-        """Time at which the curve leaves that of the last plan, in s from point 0."""
+        """Time [s] from point 0 at which the new curve leaves the last plan's curve."""
         scenario = self.plan.scenario
         return (self.first - _find_support_offset(scenario)) * scenario.slot_duration
 
     def splice(self, replan: Plan) -> Plan:
-        """Return the plan of the whole mission that ends with a plan for the scenario."""
+        """
+        Return a plan of the whole mission: the last plan, the path to `point` and a replan.
+
+        :param replan: a Plan of `scenario`.
+        """
         return continue_plan(
             self.plan, self.point, replan, (self.positions, self.powers), self.first)
 
 
 def find_first_point(scenario: Scenario, time: float) -> int:
-    """Return the first point that can change without changing the curve before a time in s."""
+    """
+    Return the last point that must be kept so that the curve before a time [s] stays as it is.
+
+    All later points may change.
+    """
     return max(0, math.ceil(time / scenario.slot_duration + _find_support_offset(scenario)))
 
 
@@ -72,11 +81,13 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
     """
     Return the beginning of a replan at the predicted states of the UAVs.
 
-    :param first: the last point of the plan's path that must stay, from 0 to slots - 1.
-    :param states: the measured state of each UAV; None for one that counts as on its plan.
-    :param tolerance: the distance in m from the plan within which a UAV counts as on it.
+    :param plan: the last plan.
+    :param first: the last point of the plan's path that must be kept, from 0 to slots - 1.
+    :param states: measured state of each UAV. None if the UAV is taken to be on its plan.
+    :param tolerance: largest distance [m] from the plan of a UAV that is taken to be on its plan.
     :param updated: the plan's scenario with the present estimates of the receivers.
-    :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
+    :raises InfeasibleMissionError: when there is no point at which all UAVs can be met and from
+        which all can reach their goals.
     """
     tail, step = cut_tail(plan, first), plan.scenario.slot_duration
     recoveries = _list_recovery_paths(plan, first, tail.scenario, states, tolerance)
@@ -107,7 +118,12 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
 
 def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                   updated: Scenario) -> Rejoin:
-    """Return the Rejoin at a point with new paths of UAVs, by index, each (point + 1, 2)."""
+    """
+    Return the Rejoin at a point.
+
+    :param paths: new path of each UAV that is off its plan, by its index, (point + 1, 2) in m.
+    :raises InfeasibleMissionError: when a UAV cannot reach its goal from the point.
+    """
     tail, step = cut_tail(plan, point), plan.scenario.slot_duration
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
     for index, path in paths.items():
@@ -141,7 +157,12 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
 
 
 def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
-    """Check all limits from the point where the path leaves the last plan to the replan."""
+    """
+    Check all limits of the new path from the last kept point to the replan.
+
+    :param tail: the rest of the last plan's mission from the last kept point.
+    :raises PlanError: naming a limit that the path breaks.
+    """
     positions = rejoin.positions[:, rejoin.first:]
     slots = positions.shape[1] - 2
     if slots < 1:
@@ -153,7 +174,14 @@ def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
 
 
 class _RecoveryPath:
-    """Paths of a UAV from a point of the plan to its predicted states."""
+    """
+    Paths of a UAV from the last kept point of its plan to its predicted states.
+
+    :param first: the last kept point.
+    :param begin: the UAV with the state that the plan has at that point as its start.
+    :param state: the measured state of the UAV.
+    :param tolerance: largest distance [m] from the plan of a UAV that is back on its plan.
+    """
 
     def __init__(self, playback: Playback, uav: int, first: int, begin: Uav,
                  state: MeasuredState, tolerance: float) -> None:
@@ -169,7 +197,7 @@ class _RecoveryPath:
         self.distance = math.hypot(*deviation(playback, uav, state))
 
     def is_on_plan(self, index: int) -> bool:
-        """Return True if the UAV is back on its plan at a candidate."""
+        """Return True if the UAV is predicted to be back on its plan at a candidate point."""
         return math.dist(self._states[0][index], self._planned[index]) <= self._tolerance
 
     def find_path(self, point: int) -> Array | None:
@@ -180,7 +208,7 @@ class _RecoveryPath:
         position, velocity = (state[index] for state in self._states)
         end = position[None]
         if self._smooth:
-            # A state is two control points, half a slot before and after it.
+            # The curve has a given state between the control points half a slot before and after.
             move = np.array(clip_norm(*_to_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])
@@ -202,7 +230,7 @@ class _RecoveryPath:
 def _list_recovery_paths(plan: Plan, first: int, now: Scenario,
                          states: Sequence[MeasuredState | None],
                          tolerance: float) -> dict[int, _RecoveryPath]:
-    """Return the _RecoveryPath of each UAV, by index, that is off its plan at the first point."""
+    """Return the recovery paths, by index, of UAVs that are off their plan at point `first`."""
     if first == 0 or all(state is None for state in states):
         return {}
     playback = Playback(plan)
@@ -212,7 +240,7 @@ def _list_recovery_paths(plan: Plan, first: int, now: Scenario,
 
 
 def _list_candidates(first: int, slots: int) -> list[int]:
-    """Return the points at which a replan may begin."""
+    """Return the points to try as the beginning of a replan: dense near `first`, then sparser."""
     points, step = [first], 1.0
     while points[-1] + 1 < slots:
         points.append(min(slots - 1, points[-1] + math.floor(step)))
@@ -221,8 +249,9 @@ def _list_candidates(first: int, slots: int) -> list[int]:
 
 
 def _find_support_offset(scenario: Scenario) -> float:
-    """Return the time before a point at which the curve begins to depend on it, in slots."""
-    # The point after the last one that stays moves the curve from half a slot before that.
+    """Return the time [slots] before the last kept point at which the curve begins to change."""
+    # With an acceleration limit, a point moves the curve from 1.5 slots before its own time, and
+    # the first point that changes is one slot after the last kept one.
     return 0.5 if scenario.limits_acceleration else 0.0
 
 

@@ -20,10 +20,10 @@ _MOST_BYTES = 2**29
 LONGEST_FRAME = 255
 """Most characters of the name of a frame of coordinates; each setpoint repeats the name."""
 
-_ROUNDING = 1e-9  # bit/s/Hz
+_ROUNDING = 1e-9  # Rate [bit/s/Hz] by which a file's bound may be below its plan's own rate.
 _PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'gaps',
           'promise_delay', 'promise_speed', 'bits', 'too_short')
-_COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
+_COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # Written for other programs, never read.
 
 
 def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
@@ -33,7 +33,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
 
 
 def make_text(plan: Any, frame_id: str) -> str:
-    """Return the content of the file of a Plan, and its frame of coordinates, as JSON."""
+    """Return a Plan as JSON: the content of its file and its frame of coordinates."""
     return json.dumps({'frame_id': frame_id, **_make_document(plan)}, allow_nan=False)
 
 
@@ -54,7 +54,7 @@ def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
 
 
 def _number(rate: float) -> float | None:
-    """Return a rate, or None for the mean of no slots, which JSON has no number for."""
+    """Return a rate, or None for NaN, which JSON has no number for."""
     return None if math.isnan(rate) else rate
 
 
@@ -75,7 +75,7 @@ def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
     """
     Return the plan and the frame in a text of make_text.
 
-    :raises PlanFileError: if it contains none, or a plan without a start.
+    :raises PlanFileError: if the text contains no plan, or a plan without a start.
     """
     with _name_source('the message'):
         document = json.loads(text)
@@ -91,7 +91,7 @@ def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
 
 @contextmanager
 def _name_source(name: str) -> Iterator[None]:
-    """Raise what is wrong with a plan as a PlanFileError that names where the plan stands."""
+    """Raise errors of a plan as a PlanFileError whose text begins with the plan's source."""
     try:
         with yaml_notation():
             yield
@@ -131,7 +131,7 @@ def _read_document(document: object, kind: type[RatedFlight]) -> Any:
 
 
 def _check_bound(plan: RatedFlight, bound: Bound) -> None:
-    """Check that a bound is not below the rate of the plan itself."""
+    """Check that a bound is at least the plan's own rate."""
     rate = getattr(plan, f'{bound.objective}_rate')
     if bound.rate < rate - _ROUNDING:
         raise PlanFileError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "
@@ -139,7 +139,7 @@ def _check_bound(plan: RatedFlight, bound: Bound) -> None:
 
 
 def _check_numbers(values: object) -> None:
-    """Check that nested lists have only numbers, since NumPy converts truth values as well."""
+    """Refuse anything but numbers in nested lists; NumPy would accept truth values."""
     if isinstance(values, list):
         check_items(values, _check_numbers)
     elif isinstance(values, bool) or not isinstance(values, (int, float)):
@@ -147,7 +147,7 @@ def _check_numbers(values: object) -> None:
 
 
 def _rename_rate(entry: Any) -> Any:
-    """Return an iteration with the name that version 2 has for its guaranteed_rate."""
+    """Return an iteration with version 1's field guaranteed_rate under its present name, rate."""
     if not isinstance(entry, Mapping):
         return entry
     return {'rate' if name == 'guaranteed_rate' else name: value for name, value in entry.items()}

@@ -1,4 +1,4 @@
-"""The flight of a plan, and the limit of its rate: how fast that may change along the curve."""
+"""The flight of a plan, and the limit of the speed at which the plan is played."""
 
 from dataclasses import replace
 import math
@@ -10,20 +10,20 @@ from .playback import Moment, Playback
 from ..mission.scenario import Array
 
 VELOCITY_JUMP = 1e-3
-"""Tolerance of the change of velocity in m/s, beyond the acceleration limit; for rounding."""
+"""Change of velocity [m/s] that is allowed beyond the acceleration limit, for rounding."""
 
-_BRAKING_STEP = 0.05  # s
-_MOST_BRAKING_STEPS = 200  # About 15 ms.
-_ROUNDING = 1e-8  # s; stamps are whole ns
+_BRAKING_STEP = 0.05  # Time step [s] of the integration of braking.
+_MOST_BRAKING_STEPS = 200  # Limit of the time that the integration of braking takes: about 15 ms.
+_ROUNDING = 1e-8  # Tolerance of a time [s], because stamps are whole ns.
 
 
 class Flight(NamedTuple):
     """
     The flight of a plan.
 
-    :ivar time: present time of the plan, in s from point 0.
-    :ivar rate: of that time; 1 is real time, 0 is a hold.
-    :ivar is_reported: whether a follower reports that now; after a silence the time stands.
+    :ivar time: present time of the plan [s], from point 0.
+    :ivar rate: playback speed; 1 is real time, 0 is a hold.
+    :ivar is_reported: whether the follower reports now. While it is silent, `time` stands still.
     """
 
     playback: Playback
@@ -47,9 +47,12 @@ class Flight(NamedTuple):
 
     def lateness(self, now: float) -> float:
         """
-        Return by how many s the flight is later than its receivers are predicted for.
+        Return the lateness of the flight on the clock that its receivers are predicted for [s].
 
-        :param now: time of the clock in s.
+        Negative for a flight that is ahead; at least 0 before it begins. Infinite for a plan
+        without a start.
+
+        :param now: time of the clock [s].
         """
         plan = self.playback.plan
         if plan.start_ns is None:
@@ -60,10 +63,10 @@ class Flight(NamedTuple):
     @property
     def moment(self) -> Moment:
         """
-        Setpoints now: velocities of the plan times the rate, accelerations times its square.
+        Setpoints now: the plan's velocities times `rate`, its accelerations times `rate`^2.
 
-        At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own
-        time.
+        A held flight sends no power, because the plan's powers are chosen for receivers that
+        move on.
         """
         moment = self.playback.at(self.time)
         return replace(moment, velocities=moment.velocities * self.rate,
@@ -72,20 +75,25 @@ class Flight(NamedTuple):
 
 
 class RateLimit:
-    """Keeps the rate of a plan's time within the acceleration limits of all UAVs."""
+    """Limits the playback speed so that no UAV exceeds its acceleration."""
 
     def __init__(self, playback: Playback) -> None:
         self.playback = playback
         self._limits = playback.plan.scenario.max_accelerations
-        self._fastest = 0.0  # The rate from which these lead to the end.
+        self._fastest = 0.0  # Playback speed at which the braking curve below begins.
         self._braking_times, self._braking_rates = np.empty(0), np.empty(0)
 
     def approach(self, target: float, flight: Flight, velocities: Array, elapsed: float) -> float:
         """
-        Return the rate nearest to a target that keeps all acceleration limits.
+        Return the playback speed nearest to a target that keeps all acceleration limits.
 
-        :param flight: as it was elapsed s ago.
-        :param velocities: of the last setpoint, (U, 2) in m/s.
+        Without acceleration limits it is the target. A playback speed r > 1 has limits r^2 times
+        the UAVs' own.
+
+        :param target: the wanted playback speed.
+        :param flight: the flight at the last setpoint.
+        :param velocities: velocities of the last setpoint, (U, 2) in m/s.
+        :param elapsed: time since the last setpoint [s].
         """
         time, rate = flight.time, flight.rate
         if not self.playback.plan.scenario.limits_acceleration:
@@ -100,7 +108,7 @@ class RateLimit:
 
         if is_allowed(target):
             return target
-        # The present rate keeps them, since the plan does.
+        # An unchanged playback speed keeps the limits, since the plan keeps them.
         allowed, rejected = rate, target
         for _ in range(20):
             middle = (allowed + rejected) / 2
@@ -109,7 +117,7 @@ class RateLimit:
         return allowed
 
     def _brake_in_time(self, target: float, fastest: float, time: float) -> float:
-        """Return a target, or the rate at a time from which the flight can stop at its end."""
+        """Return a target playback speed, lowered so that the flight can stop at its end."""
         if self._fastest < fastest:
             self._fastest = fastest
             self._braking_times, self._braking_rates = self._integrate_braking(fastest)
@@ -120,11 +128,12 @@ class RateLimit:
 
     def _integrate_braking(self, fastest: float) -> tuple[Array, Array]:
         """
-        Integrate the largest rates from which the flight can stop at a goal passed at speed.
+        Integrate the largest playback speeds from which the flight can stop at its goals.
 
-        It begins at the end, where the rate is 0, and goes back.
+        The integration runs backwards from the end, where the playback speed is 0, to the time
+        of the playback speed `fastest`.
 
-        :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
+        :return: increasing times [s] and playback speeds there; empty if all UAVs arrive at rest.
         """
         playback, limits = self.playback, self._limits
         speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)
@@ -137,7 +146,7 @@ class RateLimit:
             moment, square = playback.at(times[-1]), squares[-1]
             velocity, bend = moment.velocities, square * moment.accelerations
             allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
-            # The largest d with |bend - d velocity| <= allowed for every UAV.
+            # The largest slowing d with |bend - d velocity| <= allowed for every UAV.
             along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
             root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)
             slowing = float(((along + np.sqrt(np.maximum(root, 0.0))) / speed).min())

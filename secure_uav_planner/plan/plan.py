@@ -34,18 +34,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_LAST_SECOND = 2**31 - 1  # The last of a builtin_interfaces/Time.
-_ROUNDING = 1e-9  # Of a time, in slots.
+_LAST_SECOND = 2**31 - 1  # Largest value of `sec` in a builtin_interfaces/Time.
+_ROUNDING = 1e-9  # Tolerance of a time [slots] and of a sum of shares.
 
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
 
-_WIDTH = Number(2.5, 100.0, 'inches')  # Of a picture.
-_LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
+_WIDTH = Number(2.5, 100.0, 'inches')  # Allowed widths of a picture.
+_LEAST_RATE = 5e-5  # Smallest rate [bit/s/Hz] that a text with four digits does not show as 0.
 
 
 def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
-    """Return intervals (begin, end) of increasing times, also from lists."""
+    """Return gaps as tuples (begin, end), or refuse them unless all times increase."""
     def check(value: Any) -> tuple[float, float]:
         if not is_sequence(value) or len(value) != 2:
             raise refuse(value, 'a begin and an end')
@@ -73,20 +73,19 @@ class Plan(RatedFlight):
     :param status: one of STATUSES.
     :param history: the iterations of the method.
     :param solve_time: in s.
-    :param start_ns: time of point 0 in ns on the clock of the followers, or None if not set.
+    :param start_ns: time of point 0 [ns] on the clock of the followers, or None if not set.
     :param objective: the objective that the method maximised.
     :param bound: a Bound of the scenario by upper_bound, or None.
-    :param promised_until: time in s from point 0 until which estimates of the receivers were
-        predicted, so that its rates are a promise; None for the whole flight.
-    :param gaps: intervals (begin, end) in s from point 0, before that time, in which its rates are
-        not a promise: after a promise had ended and before a replan took effect.
-    :param promise_delay: time in s by which point 0 of the flight that receivers are predicted for
-        is later than start_ns.
-    :param promise_speed: playback speed of that flight.
-    :param bits: in bit/Hz, which shortest_duration was asked to deliver, or None.
-    :param too_short: a duration in s of which no flight delivers them, which is proven, or None.
-    :param shares: a_k[n], of each slot for each ground node, (G, N); by default those with the
-        largest rate of the objective. Kept read-only.
+    :param promised_until: time [s] from point 0 until which the receivers were predicted. The
+        rates are promised until then; None promises the whole flight.
+    :param gaps: intervals (begin, end) [s] from point 0, before promised_until, whose rates are
+        not promised. A gap lies between the end of a promise and the effect of a replan.
+    :param promise_delay: delay [s] after start_ns at which point 0 must be flown for the promise.
+    :param promise_speed: playback speed at which the plan must be flown for the promise.
+    :param bits: amount [bit/Hz] that shortest_duration was asked to deliver, or None.
+    :param too_short: duration [s] in which provably no flight delivers `bits`, or None.
+    :param shares: a_k[n], fraction of slot n for ground node k, (G, N). The default fractions
+        give the largest rate of the objective. Kept read-only.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
     """
@@ -118,7 +117,7 @@ class Plan(RatedFlight):
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for name, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
             object.__setattr__(self, name, _checked_array(name, getattr(self, name), shape))
-        # A power within the tolerance below zero is zero, and never -0.0.
+        # A power below zero but within the tolerance becomes 0.0, and -0.0 becomes 0.0 too.
         object.__setattr__(self, 'powers', read_only(np.where(
             self.powers < -POWER_TOLERANCE, self.powers, np.maximum(self.powers, 0.0) + 0.0)))
         if self.bound is not None and (
@@ -192,7 +191,7 @@ class Plan(RatedFlight):
 
     @property
     def message(self) -> str:
-        """Reason for which the method stopped, what it delivers if asked, or nothing, as text."""
+        """Text: why the method stopped, whether `bits` are delivered, who gets nothing and why."""
         text = STATUS_TEXTS[self.status]
         if self.bits is not None and self.rate * self.scenario.duration >= self.bits:
             text += f'; this suffices for {self.bits:g} bit/Hz'
@@ -237,7 +236,7 @@ class Plan(RatedFlight):
 
     @property
     def promise(self) -> Promise:
-        """Slots whose rates are promised, and their mean rates; all of a plan without a limit."""
+        """Slots whose rates are promised, and the mean rates of these slots."""
         return Promise(self, self.promised_slots)
 
     @cached_property
@@ -247,9 +246,11 @@ class Plan(RatedFlight):
 
     def end_promise(self, time: float) -> 'Plan':
         """
-        Return this plan with a promise that ends before the slot of a time in s from point 0.
+        Return this plan with a promise that ends before the slot that is flown at a time.
 
         A plan whose promise has ended earlier is returned itself.
+
+        :param time: from point 0 [s].
         """
         step = self.scenario.slot_duration
         until = max(0.0, (math.floor(check_argument('time', time, TIME) / step + _ROUNDING) - 1)
@@ -261,7 +262,7 @@ class Plan(RatedFlight):
         return plan
 
     def _replace(self, **changes: Any) -> 'Plan':
-        """Return this plan with changes that leave all rates as they are, and with its rates."""
+        """Return a copy with changed fields, which keeps cached rates: the changes must too."""
         plan, names = replace(self, **changes), {field.name for field in fields(self)}
         plan.__dict__.update({name: value for name, value in self.__dict__.items()
                               if name not in names})
@@ -291,12 +292,12 @@ class Plan(RatedFlight):
         `plan.plot(title=False, width=3.5)` is for a column of a paper.
 
         :param baselines: Plans for the same mission, which are drawn in grey.
-        :param axes: Matplotlib Axes to draw into: of the map, or a sequence of those of the map,
-            the powers and the rates, as many as wanted; None for a new figure.
+        :param axes: Matplotlib Axes to draw into: one Axes for the map, or a sequence of one to
+            three Axes for the map, the powers and the rates. None for a new figure.
         :param title: whether the map has the rates as its title.
-        :param width: width of a new figure in inches, at least 2.5, with all texts in the serif
-            font of 8 pt, without energies, and at most 9 inches high; None for a large one in the
-            user's font.
+        :param width: width of a new figure for a paper [inches], from 2.5 to 100. Its texts are in
+            a serif font of 8 pt, it shows no energies, and it is at most 9 inches high. None for
+            a large figure in the user's font.
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """

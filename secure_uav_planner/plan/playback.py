@@ -21,9 +21,9 @@ class Moment:
     :param positions: (U, 2) in m.
     :param velocities: (U, 2) in m/s.
     :param headings: (U,) in rad, counter-clockwise from x.
-    :param powers: (U,) in W, of the slot; zero outside the slots.
+    :param powers: powers of the present slot, (U,) in W; zero outside the slots.
     :param accelerations: (U, 2) in m/s^2, zero for UAVs without a limit of acceleration.
-    :param shares: of the slot for the ground nodes, (G,).
+    :param shares: fraction of the present slot for each ground node, (G,).
     """
 
     positions: Array
@@ -39,7 +39,7 @@ class Playback:
     A plan as a function of time, along the flown curve.
 
     :param plan: a Plan.
-    :param mutes_unpromised: whether no power is sent in slots that are not promised.
+    :param mutes_unpromised: whether all powers are 0 in slots that are not promised.
     :ivar begin: time in s from point 0 at which the UAVs leave their starts: 0, or half a slot
         earlier with a limit of acceleration.
     :ivar duration: time in s from point 0 at which the UAVs reach their goals.
@@ -60,9 +60,9 @@ class Playback:
 
     def at(self, time: float) -> Moment:
         """
-        Return the Moment at a time from point 0 in s; before and after the flight the UAVs rest.
+        Return the Moment at a time [s] from point 0; before and after the flight the UAVs rest.
 
-        Power n holds from the time of point n to that of point n + 1.
+        Power n holds from the time of point n until the time of point n + 1.
         """
         time = check_argument('time', time, TIME)
         motion = self.curve.at([time])
@@ -71,21 +71,25 @@ class Playback:
                       self.shares_at([time])[:, 0])
 
     def find_unpromised_slot(self, time: float) -> int:
-        """Return the number of the slot at a time in s, or 0 if that slot is promised."""
+        """Return the number of the unpromised slot at a time [s], or 0 if there is none."""
         time = check_argument('time', time, TIME)
         slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
         is_slot = 1 <= slot <= self.plan.scenario.slots
         return slot if is_slot and not self.plan.promised_slots[slot - 1] else 0
 
     def shares_at(self, times: ArrayLike) -> Array:
-        """Return the shares of the slots at times (K,) in s for each ground node, (G, K)."""
+        """
+        Return the fraction of the slot for each ground node at times (K,) in s, (G, K).
+
+        Before slot 1 and after the last slot, the fractions of the nearest slot are returned.
+        """
         times = checked_array('times', times, (None,))
         slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9).astype(int)
         return np.asarray(
             self.plan.shares[:, np.clip(slots - 1, 0, self.plan.scenario.slots - 1)])
 
     def _powers_at(self, times: Array) -> Array:
-        """Return the powers at times (K,) in s, (U, K) in W."""
+        """Return the powers at times (K,) in s, (U, K) in W; zero outside the slots."""
         slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9)
         padded = np.pad(self._powers, ((0, 0), (1, 1)))
         return padded[:, np.clip(slots, 0, self.plan.scenario.slots + 1).astype(int)]
@@ -97,12 +101,15 @@ class Playback:
 
     def secrecy_rate(self, time: float, eavesdropper: ArrayLike | None = None) -> float:
         """
-        Return the secrecy rate [r_0 - r_e]^+ at a time, of all nodes together, in bit/s/Hz.
+        Return the secrecy rate [r_0 - r_e]^+ at a time, summed over the ground nodes [bit/s/Hz].
 
-        It counts the shares of the slot, and the ground nodes where they are at that time.
+        The rate of each ground node, at its place at that time, is weighted with its fraction of
+        the slot. The rate is exact for an eavesdropper at the given place. It bounds nothing for
+        other places; see guaranteed_rates.
 
-        :param time: from point 0 in s.
-        :param eavesdropper: its true position, (2,) in m, or None for no eavesdropper.
+        :param time: from point 0 [s].
+        :param eavesdropper: true position of the eavesdropper, (2,) in m. None for no
+            eavesdropper, where only ground nodes that are not trusted listen.
         """
         return float(self.secrecy_rates([check_argument('time', time, TIME)], eavesdropper)[0])
 

@@ -1,12 +1,12 @@
 """
-Setpoints of plans in real time, each plan by its time of point 0, without jumps.
+Setpoints of plans in real time, without jumps; each plan begins at its own start time.
 
 A flight is waiting at its start, flying, held on the way, or ended. The time of the plan advances
-at a rate: 1 is real time, 0 is a hold. `start`, `pause` and another speed change the rate no
-faster than the acceleration limits of all UAVs allow, along the same curve, so that all clearances
-of the plan hold. A new plan replaces one whose setpoints are not sent; otherwise it is spliced in
-at its time, which supersedes the old one. It is refused, with the reason, if its setpoints would
-jump.
+at a playback speed, called `rate`: 1 is real time, 0 is a hold. `start`, `pause` and a new speed
+change the rate no faster than the acceleration limits of all UAVs allow. The UAVs stay on the
+same curve, so that all clearances of the plan hold. A new plan replaces one whose setpoints are
+not sent. While setpoints are sent, the new plan is spliced in at its start time and supersedes
+the old one. A new plan is refused, with the reason, if its setpoints would jump.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,13 +28,13 @@ Point3 = tuple[float, float, float]
 """(x, y, z) in m."""
 
 POSITION_JUMP = 0.01
-"""Tolerance of the distance between setpoints in m, beyond max_speed times the time between."""
+"""Distance between setpoints [m] that is allowed beyond max_speed times the time between them."""
 
-_END_TOLERANCE = 1e-3  # s
+_END_TOLERANCE = 1e-3  # Time [s] before the end of a plan from which its flight has ended.
 
 
 def _make_flight(playback: Playback, time: float, rate: float) -> Flight:
-    """Return a flight at a time in s, which ends at rest."""
+    """Return a flight at a time [s], clipped to begin and end; at the end its rate is 0."""
     if time > playback.duration - _END_TOLERANCE:
         return Flight(playback, playback.duration, 0.0)
     return Flight(playback, max(time, playback.begin), rate)
@@ -45,11 +45,12 @@ class Player:
     Plays plans one after another.
 
     :param refuse: called with the reason when a plan is refused.
-    :param mutes_unpromised: as for Playback.
-    :ivar flight: its state, or None before any plan.
-    :ivar playing: whether the time is to advance: from a start until a pause, a reset or the end.
-    :ivar delivered: secret information so far, bit/Hz.
-    :ivar largest_jump: largest distance in m between consecutive setpoints, beyond max_speed times
+    :param mutes_unpromised: whether no power is sent in slots that are not promised.
+    :ivar flight: present flight, or None before the first plan.
+    :ivar playing: whether the plan's time shall advance: from `start` until `pause`, `reset` or
+        the end.
+    :ivar delivered: secret information that the flight has delivered [bit/Hz].
+    :ivar largest_jump: largest distance [m] between consecutive setpoints, beyond max_speed times
         the plan's time between them.
     """
 
@@ -57,15 +58,17 @@ class Player:
                  mutes_unpromised: bool = False) -> None:
         self._mutes_unpromised = mutes_unpromised
         self.flight: Flight | None = None
-        self._limit: RateLimit | None = None  # Of the rate of the flight.
+        self._limit: RateLimit | None = None  # Limits the playback speed of `flight`.
         self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
-        self._last: Moment | None = None  # Setpoints.
-        self._silence: float | None = 0.0  # s since the stream ended; None while there is one.
-        self._pending: tuple[Playback, float] | None = None  # With the time of its splice in s.
+        self._last: Moment | None = None  # The last setpoints.
+        self._silence: float | None = 0.0  # Time [s] without a stream; None while streaming.
+        # A plan that waits to be spliced in, and the present plan's time [s] at the splice.
+        self._pending: tuple[Playback, float] | None = None
         self._latest: Playback | None = None  # The plan to which a reset returns.
         self._elsewhere: Playback | None = None  # A plan that begins away from the ended flight.
-        self._on_refusal, self._refusal = refuse, ''  # Of that plan, if it was refused.
-        self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one is played.
+        self._on_refusal = refuse
+        self._refusal = ''  # The reason for which the latest plan was refused.
+        self._flown_ns = -1  # Start of the last plan that has begun; older plans are refused.
         self._last_tick_ns: int | None = None
 
     @property
@@ -89,15 +92,15 @@ class Player:
         """
         Adopt a plan, or refuse it; return True if it is adopted.
 
-        A plan with the same point 0 as the present one is a revision of its flight and replaces
-        it at once. Any other plan is spliced in at once if the setpoints rest. Otherwise it is
-        pending until the present plan reaches the time at which the new one begins, or its end.
-        A pause and another speed delay both flights alike.
+        A plan with the same start as the present one is a revision of its flight and replaces it
+        at once. Another plan replaces the present one at once if no setpoints are sent. Otherwise
+        it is pending until the present plan reaches the start of the new one, or its own end.
+        A pause or a lower speed before the splice delays both flights alike.
         """
         new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan
         if current is not None and plan.identity == current.identity:
-            self._renew(new)  # A planner that was restarted, or predicts receivers for longer.
+            self._renew(new)  # The same flight; its promise may now last longer.
             return False
         if current is not None and (problem := _explain_team(plan, current)):
             self.refuse(problem)
@@ -123,14 +126,14 @@ class Player:
         self._on_refusal(reason)
 
     def _renew(self, playback: Playback) -> None:
-        """Replace the promise of the present plan."""
+        """Replace the present plan by the same flight with another promise."""
         assert self.flight is not None
         self.flight = self.flight._replace(playback=playback)
         if self._latest is not None and self._latest.plan.identity == playback.plan.identity:
             self._latest = playback
 
     def _check_promise(self, now_ns: int) -> None:
-        """End the promise of a plan for good if its flight is late for its receivers."""
+        """End the promise for good if the flight is early or late for its receivers."""
         assert self.flight is not None
         plan, state = self.flight.playback.plan, self.flight.state
         if plan.promised_until is not None and state != 'ended' and (
@@ -140,13 +143,13 @@ class Player:
                 self._renew(Playback(ended, self._mutes_unpromised))
 
     def _adopt(self, flight: Flight) -> None:
-        """Begin with the flight of another plan."""
+        """Replace the flight, and count its delivery and its jumps from zero."""
         self.flight, self._limit, self._pending = flight, RateLimit(flight.playback), None
         self._elsewhere = None
         self.delivered = self.largest_jump = 0.0
 
     def _revise(self, revised: Flight) -> None:
-        """Go on with a revision of the flight, or refuse it."""
+        """Replace the flight by a revision, or refuse the revision if setpoints would jump."""
         jump = 'that plan has ended' if self.ended else self._explain_jump(revised, 0.0)
         if jump:
             self.refuse(f'it comes too late for the flight that it changes: {jump}')
@@ -154,7 +157,11 @@ class Player:
             self.flight, self._limit = revised, RateLimit(revised.playback)
 
     def _splice(self, elapsed: float, lateness: str = '') -> bool:
-        """Supersede the plan by the pending one if its time has come and nothing jumps."""
+        """
+        Supersede the plan by the pending one if its time has come; return True if that is done.
+
+        A pending plan whose setpoints would jump is refused.
+        """
         if self._pending is None or self.flight is None:
             return False
         (new, splice_time), rate = self._pending, self.flight.rate
@@ -202,11 +209,12 @@ class Player:
         """
         Release the plan: it begins at its own time, or now if that has passed, or resumes.
 
-        A flight that has ended holds nothing: a new plan begins elsewhere if the UAVs are there.
+        After the end of a flight, a plan that was refused because it begins elsewhere is released
+        if the UAVs are at its start.
 
-        :param positions: as for unmet_conditions.
-        :param tolerance: largest distance in m of a UAV that is at its start.
-        :raises OptionError: if there is no plan, or it has ended.
+        :param positions: measured position of each UAV, or None for an unknown one.
+        :param tolerance: largest distance [m] from its start of a UAV that counts as being there.
+        :raises OptionError: if there is no plan, or if it has ended and no other can begin.
         """
         if self.playback is None:
             raise OptionError('there is no plan yet')
@@ -220,7 +228,7 @@ class Player:
 
     def _begin_elsewhere(self, new: Playback, positions: Sequence[Point3 | None],
                          tolerance: float) -> None:
-        """Adopt a plan at whose start the UAVs are, or raise an OptionError."""
+        """Adopt a plan if all UAVs are at its start, or raise an OptionError."""
         problems = [f'the position of {uav.name} is not known' if position is None else
                     f'{uav.name} is {distance:.1f} m from its start; the limit is {tolerance:g} m'
                     for uav, position, distance in _list_distances(new, positions)
@@ -234,7 +242,7 @@ class Player:
         self._last = flight.moment
 
     def pause(self) -> bool:
-        """Come to rest on the curve and hold; return True if a plan was playing."""
+        """Brake to rest on the curve and hold; return True if a plan was playing."""
         was_playing, self.playing = self.playing and not self.ended, False
         return was_playing
 
@@ -249,11 +257,12 @@ class Player:
     def unmet_conditions(self, positions: Sequence[Point3 | None], tolerance: float, speed: float
                          ) -> list[str]:
         """
-        Describe the UAVs that cannot be at the start of the plan, and their distances or times.
+        Describe the UAVs that are not at the start of the plan, with distance or time left.
 
-        :param positions: the measured one of each UAV, or None for an unknown one: such a UAV is
-            taken to be at its last setpoint, and is given the time to fly from there.
-        :param tolerance: largest distance in m of a UAV that is at its start.
+        :param positions: measured position of each UAV, or None for an unknown one. An unknown
+            UAV is given the time to fly from its last setpoint to the start.
+        :param tolerance: largest distance [m] from its start of a UAV that counts as being there.
+        :param speed: the playback speed; above 1, UAVs move that much faster than max_speed.
         """
         assert self.playback is not None
         starts, scale = self.playback.at(self.playback.begin).positions, max(1.0, speed)
@@ -280,14 +289,14 @@ class Player:
         """
         Advance to a time and return the setpoints, or None if there are none.
 
-        :param now_ns: the time of the clock; if it jumps, the flight is delayed instead.
-        :param speed: the rate at which to play.
-        :param eavesdropper: its true position, (x, y) in m, or None.
-        :param is_ready: whether the setpoints may begin.
-        :param longest: upper bound on the time since the last call in s; a clock that has advanced
-            by more has jumped.
+        :param now_ns: time of the clock [ns]. If it has jumped back, the plan advances by 0 s; if
+            it has jumped ahead, the plan advances by `longest`.
+        :param speed: playback speed to approach while playing.
+        :param eavesdropper: true position of the eavesdropper, (x, y) in m, or None.
+        :param is_ready: whether the first setpoint may be sent.
+        :param longest: largest time [s] since the last call that is not a jump of the clock.
         :param is_silent: whether no power is sent, so that nothing is delivered.
-        :return: setpoints with velocities and accelerations in the clock's time.
+        :return: setpoints, whose velocities and accelerations are per s of the clock.
         """
         elapsed = 0.0 if self._last_tick_ns is None else (now_ns - self._last_tick_ns) * 1e-9
         if elapsed < 0.0:
@@ -320,12 +329,12 @@ class Player:
         return replace(moment, powers=np.zeros_like(moment.powers)) if is_silent else moment
 
     def _advance(self, now_ns: int, elapsed: float, target: float) -> Flight:
-        """Return the flight elapsed s later, at a rate as near to the target as is allowed."""
+        """Return the flight `elapsed` s later, at the allowed rate nearest to a target."""
         flight, last = self.flight, self._last
         assert flight is not None and self._limit is not None
         due = flight.playback.begin_ns
         if flight.state == 'waiting' and not flight.rate and due is not None:
-            # The time of a plan does not begin before its stamp.
+            # A plan does not begin before its start time.
             elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
         if elapsed == 0.0 or flight.state == 'ended':
             return flight
@@ -335,14 +344,14 @@ class Player:
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:
-        """Note what has been flown and delivered since a state of the same flight."""
+        """Update what is flown, playing and delivered since an earlier state of the flight."""
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:
             start_ns = flight.playback.plan.start_ns
             self._flown_ns = -1 if start_ns is None else start_ns
         if self.ended and before.state != 'ended':
-            # A pending plan begins without another start.
+            # A pending plan begins without another call of start().
             self.playing = self.playing and self._pending is not None
         if not is_silent:
             self.delivered += _integrate_rates(
@@ -351,7 +360,7 @@ class Player:
 
 def _list_distances(playback: Playback, positions: Sequence[Point3 | None]
                     ) -> list[tuple[Uav, Point3 | None, float]]:
-    """Return each UAV with its position and the distance in m from its start; nan if unknown."""
+    """Return each UAV with its position and its distance [m] from the start; NaN if unknown."""
     starts = playback.at(playback.begin).positions.tolist()
     return [(uav, position, math.nan if position is None else
              math.dist(position, (*start, uav.altitude)))
@@ -360,7 +369,7 @@ def _list_distances(playback: Playback, positions: Sequence[Point3 | None]
 
 
 def _explain_team(plan: Plan, current: Plan) -> str:
-    """Describe how the UAVs of a plan differ from those of another one; empty if they do not."""
+    """Describe how the names of the UAVs differ between two plans; empty if they are equal."""
     names, team = ([uav.name for uav in flown.scenario.uavs] for flown in (plan, current))
     return '' if names == team else f'it is for {quote(names)}, and {quote(team)} fly'
 

@@ -32,7 +32,7 @@ def find_promised_slots(plan: RatedFlight) -> Mask:
 
 
 def rate_text(rate: float, digits: int = 4) -> str:
-    """Return a rate as text, 'none' for the mean of no slots."""
+    """Return a rate as text; 'none' for NaN, the mean rate of no slots."""
     return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
 
 
@@ -78,7 +78,7 @@ class Promise(NamedTuple):
 
     @property
     def node_rates(self) -> Array:
-        """Mean rate of each ground node by the objective in the promised slots, (G,); or NaN."""
+        """Mean rate of each ground node in the promised slots, (G,); NaN without any."""
         rates = self.plan.node_shares[:, self.mask]
         return rates.mean(axis=1) if self.slots else np.full(len(rates), math.nan)
 
@@ -105,7 +105,7 @@ class Promise(NamedTuple):
             f', until {until:.1f} s as far as receivers are predicted')
 
     def _mean(self, rates: Array) -> float:
-        """Return the least mean over weight of the ground nodes' rates, (G, N)."""
+        """Return the least mean of rates (G, N) over weight; NaN if no slot is promised."""
         if not self.slots:
             return math.nan
         return find_least_rate(self.plan.scenario, rates[:, self.mask].mean(axis=1))

@@ -1,7 +1,7 @@
 """
-A process that reads the texts of long plans, while this one sends setpoints.
+A process that reads the texts of long plans, so that setpoints are sent meanwhile.
 
-JSON of 20,000 slots would keep every thread of this process waiting for 40 ms.
+Reading JSON of 20,000 slots holds the interpreter lock for 40 ms, in which no thread sends.
 """
 
 import pickle
@@ -16,7 +16,7 @@ _SERVE = f'from {__name__} import serve; serve()'
 
 
 def serve() -> None:
-    """Answer each text of the standard input with its plan and frame, or with the error."""
+    """Answer each pickled text on the standard input with its plan and frame, or an error."""
     answer: object
     while True:
         try:
@@ -32,7 +32,7 @@ def serve() -> None:
 
 
 class ReaderProcess:
-    """A process of `serve`, which begins with the first text; one thread at a time may use it."""
+    """A process that runs `serve`, started by the first text. Not safe for several threads."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None

@@ -35,16 +35,21 @@ STATUS_TEXTS: dict[Status, str] = {
 
 _RATE = Number(-math.inf, math.inf, 'bit/s/Hz')
 
-_LOWEST_SNR_DB = -30.0  # Below it no slot has more than 0.0015 bit/s/Hz.
+_LOWEST_SNR_DB = -30.0  # An SNR [dB] below this carries less than 0.0015 bit/s/Hz.
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 
 def explain_silence(scenario: Scenario) -> str:
-    """Say why no plan of a scenario can carry anything in secret, or return an empty string."""
+    """
+    Say why no plan of a scenario can carry anything in secret, or return an empty string.
+
+    An empty string does not mean that a plan can: only two reasons are looked for, a disc that
+    always covers a ground node, and a listener at the same place.
+    """
     grounds, centres, radii = scenario.receivers
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
-    # By ground nodes, eavesdroppers and slots.
+    # The axes of `covers` are ground nodes, eavesdroppers and slots.
     covers = hears_all[:, np.newaxis] & (
         np.linalg.norm(centres - grounds[:, np.newaxis], axis=-1) <= radii)
     names = scenario.ground_node_names
@@ -62,7 +67,7 @@ def explain_silence(scenario: Scenario) -> str:
 
 
 def explain_zero_rate(scenario: Scenario) -> str:
-    """Say why plans of a scenario may carry nothing in secret, or what may help."""
+    """Say why a plan of a scenario carries nothing in secret, or what may help."""
     sender = scenario.uavs[0]
     gain = make_link(scenario, 'ground_node').gain(np.zeros((len(scenario.uavs), 1)))
     snr = 10 * math.log10(max(float(gain[0, 0]) * sender.peak_power, 1e-300))
@@ -80,14 +85,14 @@ class Iteration(Checked):
     """
     One iteration of a method, for callbacks and Plan.history, or the progress of a bound.
 
-    :param number: from 1; 0 is the starting point, or the bound without any search.
+    :param number: number of the iteration. 0 is the starting point, or the bound before a search.
     :param step: 'start', or the variables that were optimised: 'power', 'trajectory' or 'joint';
         'bound' for a bound.
-    :param rate: objective of the incumbent, the best feasible plan so far, or the best bound so
-        far: mean over slots in bit/s/Hz.
-    :param elapsed: time since the call in s.
-    :param solver_time: the part of `elapsed` spent inside Clarabel, or for 'joint' on solving for
-        Newton steps, in s.
+    :param rate: objective of the best feasible plan so far, or the smallest bound so far: a mean
+        over all slots [bit/s/Hz].
+    :param elapsed: time since the call [s].
+    :param solver_time: part of `elapsed` [s] spent inside Clarabel. For 'joint' it is the part
+        spent on solving for Newton steps.
     """
 
     number: int = field(metadata=checked_by(WholeNumber(0, 1e9)))
@@ -97,25 +102,25 @@ class Iteration(Checked):
     solver_time: float = field(metadata=checked_by(TIME))
 
     def __post_init__(self) -> None:
-        """Check nothing: methods report many; those of a file are checked by read_object."""
+        """Skip the checks, for speed; read_object checks the iterations of a file."""
 
     @property
     def guaranteed_rate(self) -> float:
-        """Rate under its name of version 0.1."""
+        """Rate; version 0.1 had this name for it."""
         return self.rate
 
 
 class RatedFlight(Checked):
     """
-    A flight with its powers, and the rates of its slots, each evaluated when it is first asked.
+    A flight with its powers and its rates, which are computed when they are first asked for.
 
     :ivar scenario: the mission.
     :ivar positions: q_i[n], (U, N+2, 2) in m.
     :ivar powers: p_i[n], (U, N) in W.
-    :ivar shares: a_k[n], of each slot for each ground node, (G, N).
-    :ivar objective: whose rate is `rate`.
-    :ivar promised_until: time in s from point 0 until which rates are a promise, None for all.
-    :ivar gaps: intervals (begin, end) in s before that time in which rates are not a promise.
+    :ivar shares: a_k[n], fraction of slot n for ground node k, (G, N).
+    :ivar objective: 'guaranteed' or 'worst_case': which rate is `rate`.
+    :ivar promised_until: time [s] from point 0 until which rates are promised; None for all.
+    :ivar gaps: intervals (begin, end) [s] before promised_until whose rates are not promised.
     """
 
     scenario: Scenario
@@ -128,27 +133,37 @@ class RatedFlight(Checked):
 
     @property
     def times(self) -> Array:
-        """Time of every point from the start, (N+2,) in s."""
+        """Time of every point from point 0, (N+2,) in s."""
         return self.scenario.times
 
     @cached_property
     def guaranteed_rates(self) -> Array:
-        """Guaranteed rate [R-bar]^+ of each slot, (N,) in bit/s/Hz, of all nodes together."""
+        """
+        Guaranteed rate [R-bar]^+ of each slot, summed over the ground nodes, (N,) in bit/s/Hz.
+
+        It holds for every place of the eavesdroppers inside their discs at the times of the
+        points. It holds neither outside the discs nor between the points; see curve_rates.
+        """
         return read_only(self.guaranteed_shares.sum(axis=0))
 
     @cached_property
     def guaranteed_shares(self) -> Array:
-        """Guaranteed rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
+        """Guaranteed rate of each ground node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('guaranteed'))
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of each slot, equation (6), (N,), of all nodes together."""
+        """
+        Worst-case rate R of each slot, equation (6), summed over ground nodes, (N,) in bit/s/Hz.
+
+        It is the least secrecy rate over all places of the eavesdroppers inside their discs at
+        the times of the points. It does not hold outside the discs or between the points.
+        """
         return read_only(self.worst_case_shares.sum(axis=0))
 
     @cached_property
     def worst_case_shares(self) -> Array:
-        """Worst-case rate of each ground node in its share of each slot, (G, N) in bit/s/Hz."""
+        """Worst-case rate of each ground node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('worst_case'))
 
     @cached_property
@@ -161,13 +176,13 @@ class RatedFlight(Checked):
         """
         Guaranteed rates along the curve, as means over each slot, (N,) in bit/s/Hz.
 
-        They differ from guaranteed_rates, which are those at the points, by the discretisation.
+        They differ from guaranteed_rates, the rates at the points, by the discretisation.
         """
         return read_only(self.curve_shares.sum(axis=0))
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Guaranteed rates along the curve of each ground node in its shares, (G, N)."""
+        """Mean guaranteed rate along the curve of each ground node times its fraction, (G, N)."""
         return read_only(self.shares * _positive_part(
             mean_guaranteed_rates(self.scenario, self.curve, self.powers)))
 
@@ -178,7 +193,7 @@ class RatedFlight(Checked):
 
     @property
     def node_shares(self) -> Array:
-        """Rate of the plan's objective of each ground node in its share of each slot, (G, N)."""
+        """Rate of the objective of each ground node times its fraction of each slot, (G, N)."""
         return (self.guaranteed_shares if self.objective == 'guaranteed' else
                 self.worst_case_shares)
 
@@ -192,8 +207,9 @@ class RatedFlight(Checked):
         """
         Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz.
 
-        With several ground nodes it is the least of their means, each divided by its weight, as
-        are the other rates.
+        With several ground nodes it is the least of the nodes' means, each with its head start
+        and divided by its weight. The properties worst_case_rate, curve_rate and rate follow the
+        same rule.
         """
         return find_least_rate(self.scenario, self.guaranteed_shares.mean(axis=1))
 
@@ -208,14 +224,14 @@ class RatedFlight(Checked):
         return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
 
     def _find_node_rates(self, objective: Objective) -> Array:
-        """Return [R]^+ of each ground node, (G, N) in bit/s/Hz."""
+        """Return the rate [R]^+ of each ground node in each whole slot, (G, N) in bit/s/Hz."""
         find_rates = (channel.guaranteed_node_rates if objective == 'guaranteed' else
                       channel.worst_case_node_rates)
         return _positive_part(find_rates(self.scenario, self.positions, self.powers))
 
 
 def _positive_part(rates: Array) -> Array:
-    """Return [x]^+ of rates: a slot with a negative rate need not transmit."""
+    """Return rates with 0 for negative ones: a slot with a negative rate need not transmit."""
     return read_only(np.maximum(rates, 0.0))
 
 
@@ -230,15 +246,17 @@ class Bound(Checked):
     """
     A proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, tolerances included.
+    It holds for everything that a Plan of this scenario accepts, tolerances included. It says
+    nothing about another scenario, about the other objective, or about rates between the points.
 
     :param scenario: the scenario whose plans it bounds.
-    :param rate: in bit/s/Hz, perhaps infinite: no feasible plan has a larger one.
-    :param objective: 'guaranteed', the rate of problem (P2), or 'worst_case', that of (P1).
+    :param rate: the bound [bit/s/Hz], perhaps infinite: no feasible plan has a larger rate.
+    :param objective: which rate is bounded: 'guaranteed' of problem (P2), or 'worst_case' of
+        problem (P1).
     :param ignored: limits of the scenario that the bound does not use. They can only lower the
         rates of plans: the bound is valid, but looser.
-    :param solve_time: in s.
-    :param status: one of STATUSES, why the search for a smaller bound ended.
+    :param solve_time: [s].
+    :param status: why the search for a smaller bound ended; one of STATUSES.
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
@@ -257,10 +275,10 @@ class Bound(Checked):
 
     def gap(self, plan: RatedFlight) -> float:
         """
-        Return the gap of a plan as a share of its rate, (bound - rate) / rate.
+        Return the gap between bound and plan relative to the plan's rate, (bound - rate) / rate.
 
-        Infinite for a plan without a positive rate, or 0 if the bound is not positive either.
-        Negative for a wrong bound, since no plan has a larger rate than a valid one.
+        For a plan without a positive rate it is infinite, or 0 if the bound is no larger than the
+        rate. A negative gap would prove the bound wrong.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.
@@ -273,7 +291,9 @@ class Bound(Checked):
 
     def share_missing(self, plan: RatedFlight) -> float:
         """
-        Return the gap as a share of the best possible rate, (bound - rate) / bound.
+        Return the gap between bound and plan relative to the bound, (bound - rate) / bound.
+
+        It is 1 if `gap` is infinite.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.
@@ -285,7 +305,8 @@ class Bound(Checked):
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        If the bound ignores a limit, the best is that of a mission without it.
+        If the bound ignores a limit, the text says that the best possible plan is one without
+        this limit.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

@@ -16,7 +16,7 @@ from ..mission.validation import checked_array, checked_kind
 from ..model.channel.rates import find_head_starts
 from ..model.limits import reduce_budgets
 
-_ROUNDING = 1e-6  # s
+_ROUNDING = 1e-6  # Tolerance of the end of a promise [s].
 
 _Receiver = TypeVar('_Receiver', GroundNode, Eavesdropper)
 
@@ -25,13 +25,13 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     """
     Return the rest of a plan from a point, as a plan of the rest of the mission.
 
-    Its average powers and its limits of energy are what the slots before leave of them. What
-    these deliver to several ground nodes counts as their head_starts. A UAV with a limit of
-    acceleration keeps its velocity at the point.
+    The rest has the average powers and the energy that the slots before the point leave. With
+    several ground nodes, what the slots before the point deliver becomes the head_starts of the
+    rest. Each UAV begins with the velocity at which it reaches the point.
 
     :param plan: a Plan.
-    :param point: index of its first point, from 0 to slots - 1.
-    :raises OptionError: for another point.
+    :param point: index of the rest's first point, from 0 to slots - 1.
+    :raises OptionError: for any other `point`.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
     point = check_argument('point', point, WholeNumber(0, scenario.slots - 1))
@@ -67,8 +67,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param point: index of the tail's first point, as passed to cut_tail.
     :param tail: a Plan of the mission of cut_tail, perhaps with other eavesdroppers.
     :param beginning: positions and powers up to the point, if they are not the plan's.
-    :param first: the last point at which the receivers and the promise of the plan count, by
-        default `point`. The tail's receivers and promise count after `first`.
+    :param first: index of the last point at which the receivers and the promise of the plan
+        apply; by default `point`. The tail's receivers and promise apply after it.
     :return: a Plan of the whole mission.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
@@ -88,7 +88,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         before += ((until, joint),)
     after = tuple(gap for gap in _cut_gaps(
         tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
-    if before and after and after[0][0] < before[-1][1]:  # One gap at the joint.
+    if before and after and after[0][0] < before[-1][1]:  # One gap spans the joint.
         before, after = before[:-1], ((before[-1][0], after[0][1]), *after[1:])
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
@@ -105,9 +105,9 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
     """
     Return a scenario with the ground nodes and the eavesdroppers of a source.
 
-    :param scenario: a Scenario.
-    :param source: likewise.
-    :param delay: time in s from point 0 of the source to point 0 of the scenario.
+    :param scenario: the Scenario whose receivers are replaced.
+    :param source: the Scenario that has the new receivers.
+    :param delay: time [s] from point 0 of the source to point 0 of the scenario.
     """
     checked_kind('scenario', scenario, Scenario)
     checked_kind('source', source, Scenario)
@@ -117,7 +117,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
 
 
 def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
-    """Return an updated scenario with the receivers of another one up to a point."""
+    """Return `updated` with the receivers of `scenario` up to a point and its own after it."""
     if point == 0:
         return updated
     step = scenario.slot_duration
@@ -132,7 +132,11 @@ def _list_receivers(scenario: Scenario) -> list[GroundNode | Eavesdropper]:
 
 def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track | None]
                    ) -> Scenario:
-    """Return a scenario with the receivers of a source, those with a track on it."""
+    """
+    Return a scenario with the receivers of a source on new tracks.
+
+    :param tracks: of the ground nodes, then of the eavesdroppers; None leaves a receiver as it is.
+    """
     nodes = len(source.ground_nodes)
     return replace(
         scenario,
@@ -141,7 +145,7 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
 
 
 def _set_track(receiver: _Receiver, track: Track | None) -> _Receiver:
-    """Return a receiver on a track, or as it is without one."""
+    """Return a receiver on a track, or the receiver itself if the track is None."""
     return receiver if track is None else replace(
         receiver, track=track, **dict.fromkeys(receiver.DECIDED, LEFT_OUT))
 
@@ -152,7 +156,7 @@ def _shift(time: float | None, seconds: float) -> float | None:
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
               ) -> tuple[tuple[float, float], ...]:
-    """Return gaps delayed by some s, and clipped to the times from `begin` to `end` in s."""
+    """Return gaps delayed by `seconds`, then clipped to the times from `begin` to `end` [s]."""
     moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
     return tuple((first, last) for first, last in moved if first < last)
 
@@ -162,5 +166,5 @@ def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | No
     if point == 0:
         return uav.start_velocity
     x, y = ((path[point] - path[point - 1]) / step).tolist()
-    # A plan may exceed the speed by its tolerance.
+    # A plan's speed may exceed max_speed by a tolerance, which a start_velocity may not.
     return clip_norm(x, y, uav.max_speed)

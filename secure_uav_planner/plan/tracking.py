@@ -1,10 +1,10 @@
 """
 Tracking of UAVs against their plan: its time, deviation, prediction of the return, achieved rate.
 
-The prediction is the law of common autopilots: a UAV flies towards the place of its plan with the
-plan's velocity plus GAIN times its distance, within its own limits of speed and acceleration. With
-an acceleration limit it closes in no faster than it can brake. A UAV that is held by its relay, a
-pilot or its autopilot brakes and stands instead.
+The prediction is the law of common autopilots: a UAV flies towards its planned position with the
+planned velocity plus GAIN times its distance, within its own limits of speed and acceleration.
+With an acceleration limit it closes in no faster than it can brake. A UAV that is held by its
+relay, a pilot or its autopilot brakes and stands instead.
 """
 
 from collections import deque
@@ -22,50 +22,52 @@ from ..mission.scenario import Array, Point, Uav
 from ..model import channel
 
 GAIN = 1.0
-"""Gain of the position error in 1/s: the default of two common autopilots within 5%."""
+"""Gain of the position error [1/s]: the default of two common autopilots within 5%."""
 
 PUNCTUAL = 0.1
-"""Time in s by which a flight may leave the clock that its moving receivers are predicted for."""
+"""Largest lateness or earliness [s] of a flight at which its promise still holds."""
 
 SILENCE = 1.0
-"""Time in s without a report of the follower after which the time of the plan stands still."""
+"""Time [s] without a report of the follower after which the time of the plan stands still."""
 
-_MEMORY = 10.0  # s for which reports are kept, for odometry that comes later.
-_STEADY = 0.03  # Largest change of a constant rate in half a second.
-_STEP = 0.05  # Of the prediction, in s.
-_MOST_STEPS = 20000
-_WATCHED_S, _LEAST_WATCHED_S = 2.0, 0.5  # How much motion tells whether a UAV is held.
-_DISTINCT_M = 1.0  # A UAV that is held is nearer to standing than to returning by this distance.
-_LONGEST_GAP = 2.0  # Between two samples of AchievedRates, in s; a longer one is left out.
+_MEMORY = 10.0  # Time [s] for which reports are kept, because odometry may arrive late.
+_STEADY = 0.03  # Largest change of a playback speed within half a second that counts as constant.
+_STEP = 0.05  # Time step [s] of the prediction.
+_MOST_STEPS = 20000  # Largest number of steps of a prediction.
+_WATCHED_S = 2.0  # Duration [s] of the motion by which a UAV is judged to be held or not.
+_LEAST_WATCHED_S = 0.5  # Shortest motion [s] by which a UAV is judged to be held.
+_DISTINCT_M = 1.0  # Distance [m] by which a held UAV is nearer to standing than to returning.
+_LONGEST_GAP = 2.0  # Largest time [s] between two samples that AchievedRates averages over.
 
 
 class FollowerReports:
     """
-    The reports of one follower about one plan, as pairs of times.
+    The reports of one follower about one plan: the plan's time at times of the clock.
 
-    :param rate: of the plan's time until the second report.
-    :param earlier: its reports about another plan of the same flight, which has the same time.
+    :param rate: playback speed that is assumed until the second report.
+    :param earlier: reports of the follower about an earlier plan of the same flight, which has
+        the same time and so continues here.
     """
 
     def __init__(self, follower: str, identity: str, rate: float,
                  earlier: 'FollowerReports | None' = None) -> None:
         self.follower, self.identity, self._first_rate = follower, identity, rate
-        self._pairs: deque[tuple[int, int]] = deque(  # Clock and plan in ns.
+        self._pairs: deque[tuple[int, int]] = deque(  # Times of the clock and the plan [ns].
             earlier._pairs if earlier else ())
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
-        """Add the time of the plan at a time of the clock, both in ns."""
+        """Add a report: the time of the plan at a time of the clock, both in ns."""
         if self._pairs and clock_ns < self.last_ns:
             self._pairs.clear()  # The clock has jumped back.
         elif self._pairs and clock_ns == self.last_ns:
-            self._pairs.pop()  # It stands, as simulated time may.
+            self._pairs.pop()  # The clock stands still, as simulated time may.
         self._pairs.append((clock_ns, plan_ns))
         while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
             self._pairs.popleft()
 
     @property
     def has_rate(self) -> bool:
-        """Whether there are two reports, between which the plan has a rate."""
+        """Whether there are at least two reports, so that a playback speed is known."""
         return len(self._pairs) > 1
 
     @property
@@ -79,25 +81,26 @@ class FollowerReports:
         return self._pairs[-1][1]
 
     def is_current(self, clock_ns: int) -> bool:
-        """Return False if the follower is silent at a time in ns."""
+        """Return True if a report arrived within SILENCE before a time of the clock [ns]."""
         return clock_ns - self.last_ns <= SILENCE * 1e9
 
     def _since_last(self) -> Array:
-        """Return clock and plan relative to the last report, (2, K), for more digits."""
+        """Return the times of clock and plan since the last report, (2, K) in ns, exactly."""
         return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
                              for clock, plan in self._pairs])
 
     def is_steady(self) -> bool:
         """
-        Return True if the plan is paused, or its rate has been constant over a second.
+        Return True if the plan is paused, or its playback speed was constant over a second.
 
-        A flight that was paused within that second speeds up, however slowly.
+        False if the plan was paused within the last second and moves again, because it then
+        still speeds up.
         """
         since, plan = self._since_last() * 1e-9
         rates = np.diff(plan) / np.diff(since)
         if len(rates) == 0 or rates[-1] == 0:
             return True
-        # Medians, because a busy machine takes single stamps late.
+        # Medians, because a busy machine stamps single reports late.
         halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
                   for begin in (-1.0, -0.5)]
         if (rates[since[:-1] >= -1.0] == 0).any():
@@ -109,14 +112,15 @@ class FollowerReports:
 
     @property
     def first_ns(self) -> int:
-        """Time in ns of the first report that is kept; before it, the plan's time is not known."""
+        """Time [ns] of the first kept report, before which the plan's time is not known."""
         return self._pairs[0][0]
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """
-        Return the time of the plan in s from its point 0, and its rate, at a time in ns.
+        Return the plan's time [s] from its point 0 and the playback speed at a clock's time [ns].
 
-        Before the first report, its time holds.
+        Before the first report, the plan's time is the first reported one. After SILENCE without
+        a report, it stands still and the playback speed is 0.
         """
         (last, plan), rate = self._pairs[-1], self._first_rate
         if self.has_rate:
@@ -129,23 +133,23 @@ class FollowerReports:
 
 
 class PlanClock(NamedTuple):
-    """The time of a plan from its point 0 at a time of the clock, in s, and its rate."""
+    """A plan's time [s] from its point 0, the clock's time [s] then, and the playback speed."""
 
     time: float
     clock: float
     rate: float = 1.0
 
     def to_plan(self, clock: float) -> float:
-        """Return the time of the plan at a time of the clock."""
+        """Return the time of the plan [s] at a time of the clock [s]."""
         return self.time + self.rate * (clock - self.clock)
 
     def to_clock(self, time: float) -> float:
-        """Return the time of the clock at a time of the plan; the rate must not be 0."""
+        """Return the time of the clock [s] at a time of the plan [s]; `rate` must not be 0."""
         return self.clock + (time - self.time) / self.rate
 
 
 class MeasuredState(NamedTuple):
-    """The state of a UAV, measured at a time in s from point 0 of the plan."""
+    """The state of a UAV, measured at a time [s] from point 0 of the plan."""
 
     time: float
     position: Point  # (x, y) in m
@@ -154,18 +158,18 @@ class MeasuredState(NamedTuple):
 
 
 def deviation(playback: Playback, uav: int, state: MeasuredState) -> Array:
-    """Return the offset of a UAV from its plan at the time of a measurement, (2,) in m."""
+    """Return measured minus planned position of a UAV at the measurement's time, (2,) in m."""
     return np.array(state.position) - playback.curve.at([state.time]).positions[uav, 0]
 
 
 class Watch:
-    """The states of a UAV in the last seconds, which tell whether it flies towards its plan."""
+    """The states of a UAV in the last 2 s, by which it is judged to be held or returning."""
 
     def __init__(self) -> None:
         self._states = deque[MeasuredState]()
 
     def add(self, state: MeasuredState) -> None:
-        """Add a state; a repeated state is no news."""
+        """Add a state; one that is not newer than the last state is ignored."""
         if self._states and state.time < self._states[-1].time - _WATCHED_S:
             self._states.clear()  # The time of the plan went back: another flight has begun.
         if not self._states or state.time > self._states[-1].time:
@@ -175,10 +179,10 @@ class Watch:
 
     def is_held(self, playback: Playback, uav: int) -> bool:
         """
-        Return True for a UAV that moves like a vehicle at rest, or braking to rest.
+        Return True if a UAV stands or brakes to rest instead of returning to its plan.
 
-        A vehicle that returns to its plan is the alternative. Two measurements must agree: the way
-        since the first state, and the present velocity where it is known.
+        Two measurements must agree on it: the way since the first state, and the present velocity
+        if it is known. False after less than 0.5 s of motion.
         """
         if not self._states or (
                 self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):
@@ -198,12 +202,13 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     """
     Predict the flight of a UAV back to its plan, by the law at the top of this module.
 
-    :param times: (K,) in s from point 0, increasing; before the measurement its values hold.
+    :param times: (K,) in s from point 0, increasing. Before the measurement, its position and
+        velocity are returned.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     times = np.asarray(times, float)
     horizon = max(0.0, float(times[-1]) - state.time)
-    # The steps are fixed, so that a prediction does not depend on its horizon.
+    # Fixed steps, so that a prediction does not depend on the last time that is asked for.
     step = max(_STEP, horizon / _MOST_STEPS)
     count = max(1, math.ceil(horizon / step))
     grid = state.time + step * np.arange(count + 1)
@@ -215,7 +220,7 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     rows = [(x, y, u, v)]
     for place, velocity in zip(places[1:], velocities[1:], strict=True):
         before = (u, v)
-        # The offset is that from its position after a step at constant velocity.
+        # The offset at the end of the step, if the UAV kept its velocity.
         u, v = _command_velocity(place[0] - x - u * step, place[1] - y - v * step, velocity,
                                  member.max_speed, member.max_acceleration, step)
         if member.max_acceleration is None:
@@ -234,13 +239,15 @@ def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float
     """
     Predict the flight of a UAV that brakes to rest and stands.
 
-    :param times: (K,) in s from point 0; before the measurement its values hold.
+    :param times: (K,) in s from point 0. Before the measurement, its position and velocity are
+        returned.
+    :param max_acceleration: deceleration of braking [m/s^2]; None stops at once.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     velocity = np.array(state.velocity or (0.0, 0.0))
-    braking = math.hypot(*velocity) / (max_acceleration or math.inf)  # s
+    braking = math.hypot(*velocity) / (max_acceleration or math.inf)  # Duration of braking [s].
     ahead = np.clip(np.asarray(times, float) - state.time, 0.0, braking)[:, None]
-    left = 1.0 - ahead / braking if braking else 0.0 * ahead  # Share of the velocity.
+    left = 1.0 - ahead / braking if braking else 0.0 * ahead  # Fraction of the first velocity.
     return state.position + ahead * (1.0 + left) / 2 * velocity, left * velocity
 
 
@@ -248,11 +255,16 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
                   playback: Playback | None = None, uav: int = 0, tolerance: float = 0.0
                   ) -> tuple[Point, Point | None]:
     """
-    Predict the position in m and the velocity in m/s of a UAV at the beginning of a new plan.
+    Predict the position [m] and velocity [m/s] of a UAV at the beginning of a new plan.
 
-    A UAV within a tolerance in m of its last plan follows that plan, so that its setpoints do not
-    jump. Any other UAV brakes to rest, if there is time, or else keeps its velocity. The velocity
-    is None if it was not measured.
+    A UAV within `tolerance` of its last plan follows that plan, so that its setpoints do not
+    jump. Any other UAV brakes to rest if it can come to rest by `time`, and keeps its velocity if
+    it cannot. An unmeasured velocity stays None, and its UAV stays in place.
+
+    :param time: beginning of the new plan [s], from point 0 of the last plan.
+    :param max_acceleration: deceleration of braking [m/s^2]; None stops at once.
+    :param playback: the last plan, if there is one.
+    :param tolerance: largest distance [m] from its plan of a UAV that follows it.
     """
     if playback is not None and math.hypot(*deviation(playback, uav, state)) <= tolerance:
         motion = playback.curve.at([time])
@@ -269,10 +281,10 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
 def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_duration: float
                      ) -> Uav:
     """
-    Return a UAV with the start of a position in m and a velocity in m/s, None for an unknown one.
+    Return a UAV that starts at a position [m] with a velocity [m/s], or None if it is unknown.
 
-    With an acceleration limit and a velocity, clipped to max_speed, the curve begins in that state
-    half a slot before point 0. Otherwise point 0 is the position.
+    With an acceleration limit and a known velocity, which is clipped to max_speed, the curve
+    begins in this state half a slot before point 0. Otherwise point 0 is the position.
     """
     if uav.max_acceleration is None or velocity is None:
         return replace(uav, start=position)
@@ -282,7 +294,7 @@ def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_dur
 
 
 def _command(playback: Playback, uav: int, state: MeasuredState) -> tuple[float, float]:
-    """Return the velocity in m/s with which an autopilot returns to its plan."""
+    """Return the velocity [m/s] by which an autopilot returns its UAV to the plan."""
     member, (dx, dy) = playback.plan.scenario.uavs[uav], -deviation(playback, uav, state)
     velocity = _point(playback.curve.at([state.time]).velocities[uav, 0])
     return _command_velocity(dx, dy, velocity, member.max_speed, member.max_acceleration, _STEP)
@@ -290,11 +302,11 @@ def _command(playback: Playback, uav: int, state: MeasuredState) -> tuple[float,
 
 def _command_velocity(dx: float, dy: float, velocity: tuple[float, float], max_speed: float,
                       max_acceleration: float | None, step: float) -> tuple[float, float]:
-    """Return the velocity that closes an offset to a place that moves at a velocity."""
+    """Return the velocity [m/s] that closes an offset (dx, dy) to a moving target."""
     distance = math.hypot(dx, dy)
     closing = min(GAIN, 1 / step) * distance
     if max_acceleration is not None and distance > max_acceleration / GAIN**2:
-        # Braking at max_acceleration meets the linear law with the same slope.
+        # Braking at max_acceleration, which joins the linear law smoothly at this distance.
         closing = math.sqrt(2 * max_acceleration * distance - (max_acceleration / GAIN)**2)
     factor = closing / max(distance, 1e-300)
     return clip_norm(velocity[0] + factor * dx, velocity[1] + factor * dy, max_speed)
@@ -309,23 +321,25 @@ class AchievedRates:
     """
     Mean guaranteed rates of a flight so far, at the measured and at the planned positions.
 
-    Both are means over the slots during which all UAVs were measured, with the powers and the
-    estimates of the plan that was flown then.
+    Both are means over the time within the slots during which all UAVs were measured. They use
+    the powers and the receivers' discs of the plan that was flown then. They bound nothing while
+    a UAV was not measured.
     """
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
         self._last = math.inf
-        self._flown = 0.0  # Time in slots so far, in s.
-        self._sums = np.zeros(3)  # Time in s, achieved and planned in bit/Hz.
+        self._flown = 0.0  # Time [s] that has been flown within slots.
+        self._sums = np.zeros(3)  # Measured time [s], achieved and planned information [bit/Hz].
 
     def add(self, playback: Playback, time: float, positions: Array, rate: float = 1.0) -> None:
         """
-        Add measured positions (U, 2) in m, at a time in s from point 0 of a plan.
+        Add measured positions (U, 2) in m, at a time [s] from point 0 of a plan.
 
-        A plan with another start begins a new flight.
+        A plan with another start begins a new flight. The time since the last call is left out of
+        the means if it exceeds 2 s, or `rate` times 2 s for a faster playback.
 
-        :param rate: of the plan's time; faster flights are measured at longer intervals of it.
+        :param rate: playback speed.
         :raises OptionError: for positions of another shape.
         """
         scenario, start_ns = playback.plan.scenario, playback.plan.start_ns
@@ -353,12 +367,12 @@ class AchievedRates:
 
     @property
     def measured(self) -> float:
-        """Share of the slots so far that the rates are means over, from 0 to 1."""
+        """Fraction of the flown time within slots that the rates are means over, from 0 to 1."""
         return float(min(1.0, self._sums[0] / self._flown)) if self._flown else 0.0
 
     @property
     def rates(self) -> tuple[float, float] | None:
-        """Achieved and planned mean in bit/s/Hz, or None before the first slot."""
+        """Achieved and planned mean rate [bit/s/Hz], or None before the first measurement."""
         if self._sums[0] == 0:
             return None
         achieved, planned = (self._sums[1:] / self._sums[0]).tolist()

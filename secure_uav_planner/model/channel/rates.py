@@ -1,4 +1,4 @@
-"""The rates of a plan, by the plain formulas: what every published number comes from."""
+"""The rates of a plan, by the plain formulas from which every published number is computed."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -
 
 
 def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
-    """Return the squared horizontal distances to the first ground node, (U, N) in m^2."""
+    """Return squared horizontal distances of the UAVs to the first ground node, (U, N) in m^2."""
     receivers = find_receivers(scenario, positions.shape[1] - 2)
     return _squared_norm(positions[:, 1:-1] - receivers.ground_nodes[0])
 
@@ -31,8 +31,9 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
     """
     Return the squared distances to each eavesdropper that the guarantee uses, (E, U, N) in m^2.
 
-    The best case for the transmitter and the worst case for each jammer, taken separately over
-    the disc: those of h-tilde in equation (9), with [d - eps]^+ inside the disc.
+    They are the transmitter's distance to the nearest place of the disc, and each jammer's
+    distance to its farthest place, as in h-tilde of equation (9). No single place of the disc has
+    both distances in general. A transmitter inside the disc has distance 0, [d - eps]^+.
     """
     receivers = find_receivers(scenario, positions.shape[1] - 2)
     return np.stack([_bound_squared_distances(positions[:, 1:-1] - centres, radii)
@@ -40,12 +41,17 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
 
 
 def ground_gains(scenario: Scenario, positions: Array) -> Array:
-    """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
+    """Return g_i[n] / sigma^2 of every UAV to the first ground node, (U, N) in 1/W."""
     return make_link(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
-    """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
+    """
+    Return h-tilde / sigma^2, the gains that the guarantee uses, (E, U, N) in 1/W.
+
+    The transmitter's gain is no smaller, and a jammer's no larger, than its gain to any place of
+    the eavesdropper's disc. Outside the disc neither holds.
+    """
     link = make_link(scenario, 'eavesdropper').for_receivers(
         scenario.receiver_advantages[:, None, None])
     return link.gain(guaranteed_squared_distances(scenario, positions))
@@ -54,7 +60,9 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 def ground_rates(scenario: Scenario, positions: Array, powers: Array,
                  times: Array | None = None) -> Array:
     """
-    Return r_0[n], equation (4), (N,) in bit/s/Hz, the largest of several ground nodes.
+    Return r_0[n], equation (4), at the ground node that receives most, (N,) in bit/s/Hz.
+
+    It is the rate without secrecy: no leak is subtracted.
 
     :param times: as for guaranteed_rates.
     """
@@ -63,14 +71,14 @@ def ground_rates(scenario: Scenario, positions: Array, powers: Array,
 
 def node_ground_rates(scenario: Scenario, positions: Array, powers: Array,
                       times: Array | None = None) -> Array:
-    """Return r_k[n] of each ground node, (G, N) in bit/s/Hz."""
+    """Return the rate without secrecy, r_k[n], of each ground node, (G, N) in bit/s/Hz."""
     positions, powers = checked_flight(scenario, positions, powers)
     nodes = find_receivers(scenario, powers.shape[1], times).ground_nodes
     return _compute_node_rates(make_link(scenario, 'ground_node'), nodes, positions, powers)
 
 
 def _compute_node_rates(link: FreeSpace, nodes: Array, positions: Array, powers: Array) -> Array:
-    """Return the rates (G, N) of a link to ground nodes, (G, N, 2) in m."""
+    """Return the rates (G, N) in bit/s/Hz of a link to ground nodes at (G, N, 2) in m."""
     return np.stack([compute_rate(link.gain(_squared_norm(positions[:, 1:-1] - node)) * powers)
                      for node in nodes])
 
@@ -80,13 +88,15 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
 
-    Of several ground nodes it is that of the node with the largest. A Plan counts [R-bar]^+, for
-    in such a slot nothing secret need be sent. A lower bound of worst_case_rates; equal to it when
-    every error radius is zero.
+    With several ground nodes it is the largest of their rates. A Plan counts [R-bar]^+, because
+    nothing secret need be sent in a slot with a negative rate. R-bar is a lower bound of
+    worst_case_rates, and equal to it when every error radius is zero. It holds for every place of
+    the eavesdroppers inside their discs at the given times. It holds neither outside the discs
+    nor between these times; Plan.curve_rates averages over the curve.
 
     :param altitudes: flown altitudes, (U, N) in m, instead of the scenario's.
-    :param times: in s from point 0, (N,), at which receivers are where their tracks say; by
-        default those of the points of the slots.
+    :param times: times [s] from point 0, (N,), at which the receivers' places are taken from
+        their tracks. By default the receivers are at their places at the slots' points.
     """
     return np.asarray(
         guaranteed_node_rates(scenario, positions, powers, altitudes, times).max(axis=0))
@@ -96,7 +106,7 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
                           altitudes: Array | None = None, times: Array | None = None) -> Array:
     """Return R-bar[n] of each ground node, (G, N) in bit/s/Hz; see guaranteed_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
-    # One eavesdropper after the other: arrays over all of them would not fit into the caches.
+    # One eavesdropper after the other, because arrays over all would not fit into the caches.
     sinr = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
     combine = np.add if scenario.colluding else np.maximum
     if altitudes is not None:
@@ -115,8 +125,11 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
 def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: Array,
                     times: Array | None = None) -> Array:
     """
-    Return r_k[n] less the leak to eavesdroppers, (N,), and to nodes that listen, (G, N).
+    Return the rate of each ground node minus its leak, (G, N) in bit/s/Hz.
 
+    Ground nodes that are not trusted listen, and their leak is included here.
+
+    :param leak: leak to the eavesdroppers, (N,) in bit/s/Hz.
     :param times: as for guaranteed_rates.
     """
     positions, powers = checked_flight(scenario, positions, powers)
@@ -126,7 +139,7 @@ def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: A
 
 def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
                    altitudes: Array | None = None) -> Array:
-    """Return find_node_rates for places (G, N, 2) of the ground nodes in m."""
+    """Return the rate of each ground node, at places (G, N, 2) in m, minus its leak, (G, N)."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),
@@ -138,11 +151,13 @@ def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: A
 def include_listeners(scenario: Scenario, leak: Array, heard: Sequence[Array] | Array,
                       unit: float = 1.0) -> Array:
     """
-    Return the leak of what each ground node is sent, (G, N), or (N,) where all are trusted.
+    Return the leak of what each ground node is sent, with listeners included, (G, N).
 
-    :param leak: to the eavesdroppers, (N,).
-    :param heard: the rates at which listeners hear, (L, N).
-    :param unit: of all rates, in bit/s/Hz.
+    If all ground nodes are trusted, nobody listens and `leak` itself is returned, (N,).
+
+    :param leak: leak to the eavesdroppers, (N,).
+    :param heard: rates at which the listeners hear, (L, N).
+    :param unit: unit of all rates here [bit/s/Hz].
     """
     if not scenario.listeners:
         return leak
@@ -160,11 +175,13 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
-    Of several ground nodes it is that of the node with the largest.
+    With several ground nodes it is the largest of their rates. The rate is exact for this place
+    and bounds nothing for others. It is no smaller than guaranteed_rates if the place lies inside
+    the disc of an eavesdropper with this advantage or a larger one.
 
-    :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
-    :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
-        the scenario has.
+    :param eavesdropper: true place of the eavesdropper in m, (2,), or (N, 2) for each slot.
+    :param receiver_advantage_db: advantage of the eavesdropper's receiver; by default the largest
+        advantage among the scenario's eavesdroppers.
     :param times: as for guaranteed_rates.
     """
     return np.asarray(secrecy_node_rates(
@@ -174,7 +191,7 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
 def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
                        eavesdropper: ArrayLike, receiver_advantage_db: float | None = None,
                        times: Array | None = None) -> Array:
-    """Return r_k[n] less the leak of each ground node, (G, N); see secrecy_rates."""
+    """Return r_k[n] - r_e[n] of each ground node, (G, N) in bit/s/Hz; see secrecy_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
     shape = (powers.shape[1], 2)
     places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
@@ -190,10 +207,11 @@ def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
 
 def find_rate_scale(scenario: Scenario) -> float:
     """
-    Return 1, or where that is less, the largest SNR that the average power can have, in nats.
+    Return the scale of rate tolerances, min(1, largest SNR at average power).
 
-    Tolerances of rates are relative to it. It is that at the least distance from the ground node
-    at which the transmitter can be at the time of a point.
+    It is the SNR at the least distance that the transmitter can have from a ground node at the
+    time of a point. An SNR bounds its rate in nats, so tolerances shrink with the rates of weak
+    links.
     """
     times, grounds = scenario.times[1:-1], scenario.receivers.ground_nodes
     speed = scenario.max_speeds[0]
@@ -215,10 +233,10 @@ def checked_flight(scenario: Scenario, positions: Array, powers: Array) -> tuple
 def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
                   places: Array, advantage: float) -> Array:
     """
-    Return r_e at places (N, K, 2) in m on the ground, (N, K) in bit/s/Hz.
+    Return the rate r_e at which receivers hear at places (N, K, 2) in m, (N, K) in bit/s/Hz.
 
     :param uav_positions: (U, N, 2) in m.
-    :param advantage: by what factor the SNR of the receivers is larger than the ground node's.
+    :param advantage: factor by which the receivers' SNR exceeds a ground node's at equal gain.
     """
     offset = uav_positions[:, :, None] - places
     link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(advantage)
@@ -228,10 +246,10 @@ def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
 
 def compute_rate(received: Array) -> Array:
     """
-    Return log2(1 + S / (1 + J)), (...) in bit/s/Hz, as accurate for a small S.
+    Return log2(1 + S / (1 + J)), (...) in bit/s/Hz, to full relative accuracy also for small S.
 
-    :param received: powers over the noise power, the transmitter's S first, then those of the
-        jammers, whose sum is J; (U, ...).
+    :param received: received powers relative to the noise power, (U, ...). The transmitter's
+        power S is first; J is the sum of the other powers.
     """
     return convert_sinr(compute_sinr(received))
 
@@ -242,22 +260,32 @@ def convert_sinr(sinr: Array) -> Array:
 
 
 def compute_sinr(received: Array) -> Array:
-    """Return S / (1 + J) of powers as in compute_rate, (...)."""
+    """Return the SINR S / (1 + J) of received powers, (...); see compute_rate."""
     return received[0] / (1.0 + received[1:].sum(axis=0))
 
 
 def combine_leaks(leaks: Array) -> Array:
-    """Return log2(1 + sum of the SINRs), (N,), of leaks (N, E) to colluding eavesdroppers."""
+    """
+    Return the leak to colluding eavesdroppers, log2(1 + sum of their SINRs), (N,).
+
+    :param leaks: leak to each eavesdropper alone, (N, E) in bit/s/Hz.
+    """
     return convert_sinr(np.expm1(leaks * np.log(2.0)).sum(axis=1))
 
 
 def bound_sinrs(link: FreeSpace, offsets: Array, radii: Array, powers: Array) -> Array:
-    """Bound the SINRs (...) in discs, whose centres UAVs have offsets (U, ..., 2) in m from."""
+    """
+    Return an upper bound of the SINR anywhere in discs, (...).
+
+    It is exact for a radius of 0. Outside the disc it does not hold.
+
+    :param offsets: UAVs' positions minus the centres of the discs, (U, ..., 2) in m.
+    """
     return compute_sinr(link.gain(_bound_squared_distances(offsets, radii)) * powers)
 
 
 def _bound_squared_distances(offsets: Array, radii: Array) -> Array:
-    """Return the least of the transmitter, and the largest of jammers, to discs, (U, ...)."""
+    """Return the transmitter's least and the jammers' largest squared distances, (U, ...)."""
     edge = np.repeat(radii[None], len(offsets), axis=0)
     edge[0] *= -1
     return guaranteed_squared_distance(_squared_norm(offsets), edge)
@@ -269,14 +297,19 @@ def _squared_norm(offset: Array) -> Array:
 
 def find_least_rate(scenario: Scenario, means: Array, unit: float = 1.0) -> float:
     """
-    Return the least of the ground nodes' means (G,), with their head starts, over weight.
+    Return the least of the ground nodes' mean rates plus head starts, each over its weight.
 
-    :param unit: of the means, in bit/s/Hz.
+    :param means: mean rate of each ground node, (G,).
+    :param unit: unit of the means and of the result [bit/s/Hz].
     """
     return float(((means + scenario.node_offsets / unit) / scenario.node_weights).min())
 
 
 def find_head_starts(scenario: Scenario, delivered: Array) -> tuple[float, ...]:
-    """Return the head_starts after more has been delivered to the ground nodes, (G,) in bit/Hz."""
+    """
+    Return the head_starts (G,) in bit/Hz of a mission that continues this scenario's.
+
+    :param delivered: what has been delivered since this scenario's start, (G,) in bit/Hz.
+    """
     total, weights = delivered + scenario.duration * scenario.node_offsets, scenario.node_weights
     return tuple(np.maximum(total - weights * (total / weights).min(), 0.0).tolist())
