@@ -15,7 +15,7 @@ from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import Scenario
 
 _FORMAT = 'secure_uav_planner/plan'
-_VERSION = 2  # Format of the files that this package writes; release 0.1.0 wrote version 1.
+_VERSION = 2  # Format of the files that this package writes; version 0.1.0 wrote 1 and 2.
 _MOST_BYTES = 2**29
 LONGEST_FRAME = 255
 """Most characters of the name of a frame of coordinates; each setpoint repeats the name."""
