@@ -109,7 +109,7 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	touch $@
 
 .venv-%/.check: test/compat/%.txt $(wildcard test/compat/*requirements.txt) setup.py \
-		$(wildcard secure_uav_planner/model/kernel/*)
+		$(wildcard secure_uav_planner/*/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< $(PACKAGE) \

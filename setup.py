@@ -9,13 +9,13 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 package_name = 'secure_uav_planner'
-kernel_folder = f'{package_name}/model/kernel'
-sources = runpy.run_path(f'{kernel_folder}/sources.py')
+sources = runpy.run_path(f'{package_name}/model/kernel/sources.py')
 
 kernel = Extension(
     f'_{package_name}_kernel',  # at the top, where no source tree hides it
-    [f'{kernel_folder}/{unit}' for unit in sources['UNITS']],
-    depends=glob(f'{kernel_folder}/*.hpp'), language='c++',
+    [f'{package_name}/{unit}' for unit in sources['list_sources']('*.cpp')],
+    depends=[f'{package_name}/{header}' for header in sources['list_sources']('*.hpp')],
+    include_dirs=[f'{package_name}/{folder}' for folder in sources['FOLDERS']], language='c++',
     define_macros=[('KERNEL_SOURCES', f'"{sources["find_digest"]()}"')],
     extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
                         '-fvisibility=hidden', '-pthread'],
@@ -63,6 +63,7 @@ setup(
         package_name: ['py.typed'],
         f'{package_name}.mission.formats': ['*.yaml', 'examples/*.yaml'],
         f'{package_name}.model.kernel': ['*.cpp', '*.hpp', '*.pyi'],
+        f'{package_name}.bound': ['kernel/*.cpp', 'kernel/*.hpp'],
         f'{package_name}.ros': ['*.yaml']},
     cmdclass={'build_ext': BuildKernel},
     ext_modules=[kernel],

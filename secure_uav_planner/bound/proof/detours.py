@@ -31,12 +31,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 import shapely
 
 from ...mission.polygons import convex_parts, pockets
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import Airspace
+from ...model.airspace.routes import draw_edges, measure_paths
 from ...model.kernel import core
 from ...plan.plan import POSITION_TOLERANCE
 
@@ -211,11 +211,9 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     places = np.concatenate([ends, np.unique(shapely.get_coordinates(solid), axis=0)])
     inner = solid.buffer(-10 * GRID)
     shapely.prepare(inner)
-    i, j = np.triu_indices(len(places), 1)
-    free = ~shapely.intersects(inner, shapely.linestrings(np.stack([places[i], places[j]], 1)))
-    graph = np.full((len(places), len(places)), np.inf)
-    graph[i[free], j[free]] = np.hypot(*(places[i] - places[j])[free].T)
-    paths = scipy.sparse.csgraph.dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
+    edges = np.array(np.triu_indices(len(places), 1))
+    seen = ~shapely.intersects(inner, draw_edges(places, edges))
+    paths = measure_paths(places, edges[:, seen], [0, 1])
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)

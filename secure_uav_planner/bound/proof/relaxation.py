@@ -12,9 +12,9 @@ Every sum that bounds a box has fewer than 10 terms of each of the following kin
 wrong by at most a few eps of its size: logarithms (below 200 in size for every scenario that is
 legal, weighted by w0 <= 1 and sum v <= 1), and the potentials' terms (at most |u| r + |S| r^2 and
 step (|u| + |S| r) in size, r being the farthest that the reachable set reaches). The terms that
-`add_disc_multiplier` in bound_terms.hpp adds are of that size, too: their factors are at most ten
-times the slope, and their discs' radii at most twice the place's distance. Second derivatives are
-wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^2
+`add_disc_multiplier` in bound/kernel/terms.hpp adds are of that size, too: their factors are at
+most ten times the slope, and their discs' radii at most twice the place's distance. Second
+derivatives are wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^2
 and met only where a box is within H of a receiver, so that it is at most of the size of 2 over a
 box. `margin` is 64 eps times the sum of these sizes, which is about ten times what the terms can
 add up to, and it is added to every box, to every maximum and to every group. It is of the order of

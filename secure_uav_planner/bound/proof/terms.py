@@ -1,7 +1,7 @@
 """
 One UAV's term of the Lagrangian: its potential, lemmas 2 and 8, and its maximum, lemma 5.
 
-The branch and bound for the maximum is compiled: kernel/bound_boxes.cpp has its bounds and derives
+The branch and bound for the maximum is compiled: bound/kernel/boxes.cpp has its bounds and derives
 them.
 """
 

@@ -8,12 +8,12 @@
 
 namespace py = pybind11;
 
-void add_interior_point(py::module_& module);      // interior_point.cpp
-void add_bound_boxes(py::module_& module);  // bound_boxes.cpp
-void add_bound_dual(py::module_& module);   // bound_dual.cpp
-void add_bound_slots(py::module_& module);  // bound_slots.cpp
-void add_discs(py::module_& module);        // discs.cpp
-void add_limits(py::module_& module);       // limits.cpp
+void add_interior_point(py::module_& module);  // interior_point.cpp
+void add_bound_boxes(py::module_& module);     // bound/kernel/boxes.cpp
+void add_bound_dual(py::module_& module);      // bound/kernel/dual.cpp
+void add_bound_slots(py::module_& module);     // bound/kernel/slots.cpp
+void add_discs(py::module_& module);           // discs.cpp
+void add_limits(py::module_& module);          // limits.cpp
 
 using kernel::copy_reals;
 using kernel::count_entries;

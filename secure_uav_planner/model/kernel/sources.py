@@ -1,20 +1,30 @@
-"""Sources of the compiled kernel, and its import; setup.py runs this file by itself."""
+"""
+Sources of the compiled kernel, and its import; setup.py runs this file by itself.
+
+The kernel of the bound stands in `bound/kernel/`, and is compiled into the same module.
+"""
 
 import hashlib
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).resolve().parent
-UNITS = tuple(sorted(path.name for path in FOLDER.glob('*.cpp')))
-"""The files to compile, which include the headers."""
+_PACKAGE = Path(__file__).resolve().parents[2]
+FOLDERS = ('model/kernel', 'bound/kernel')
+"""The folders of the sources in the package, in each of which headers are found by their name."""
+
+
+def list_sources(pattern: str) -> list[str]:
+    """Return the paths of the sources whose names match a pattern, relative to the package."""
+    return sorted(path.relative_to(_PACKAGE).as_posix() for folder in FOLDERS
+                  for path in (_PACKAGE / folder).glob(pattern))
 
 
 def find_digest() -> str:
     """Return a digest of all sources, to check that a kernel was built from them."""
     digest = hashlib.sha256()
-    for path in sorted(FOLDER.glob('*.[ch]pp')):
-        digest.update(path.name.encode() + b'\0' + path.read_bytes())
+    for path in list_sources('*.[ch]pp'):
+        digest.update(path.encode() + b'\0' + (_PACKAGE / path).read_bytes())
     return digest.hexdigest()
 
 

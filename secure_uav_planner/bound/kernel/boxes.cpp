@@ -1,4 +1,4 @@
-// The branch and bound of lemma 5 over the boxes of bound_terms.hpp.
+// The branch and bound of lemma 5 over the boxes of terms.hpp.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "array.hpp"
-#include "bound_terms.hpp"
+#include "terms.hpp"
 
 namespace py = pybind11;
 using kernel::Array;

@@ -1,6 +1,6 @@
 // Lemma 5 of bound/proof: the largest value of one UAV's term, by branch and bound.
 //
-// terms.py says what is bounded and what its arrays hold; relaxation.py what the margins cover.
+// proof/terms.py says what is bounded and what its arrays hold; relaxation.py what the margins cover.
 //
 // On a box with centre m a function F is at most F(m) + grad F(m) . dq + K |dq|^2 / 2, K being at
 // least every second derivative in the box, negative where it can be. With q = d^2 + H^2 at a
