@@ -26,8 +26,11 @@ class PlanningError(Exception):
     """
     The root of all errors of this package.
 
-    :param text: the message.
+    :param text: the message; or its predicate, such as 'is 5; it must be ...', of which add_path
+        completes the subject.
     :param place: path of the wrong field, empty if no field is to blame.
+    :param subject: path of the predicate's subject inside of the field, None if the message is
+        whole.
     :cvar code: one word for programs; the planner publishes it as `outcome.code`.
     """
 
@@ -36,39 +39,42 @@ class PlanningError(Exception):
     def __init_subclass__(cls, code: str | None = None) -> None:
         cls.code = code or cls.code
 
-    def __init__(self, text: object = '', place: FieldPath = ()) -> None:
+    def __init__(self, text: object = '', place: FieldPath = (),
+                 subject: FieldPath | None = None) -> None:
         super().__init__(text)
-        self.place = place
+        self.place, self._subject, self._owner = place, subject, ''
+
+    def __str__(self) -> str:
+        subject = '' if self._subject is None else f'{format_path(self._subject)} '
+        return f'{self._owner}{subject}{self.args[0]}'
 
     @property
     def field(self) -> str:
         """Path of the wrong field, such as `uavs[1].max_speed`, or an empty string."""
         return format_path(self.place)
 
+    def add_path(self, *path: str | int, owner: str = '') -> None:
+        """
+        Put a path in front of the place, and of the subject until it begins with a field's name.
 
-def prefix_error(error: PlanningError, *path: str | int, owner: str = '') -> None:
-    """
-    Put a path in front of the place of an error, and of each of its further errors.
-
-    A text without a subject gets the field's name in front. Such a text begins with a blank, a
-    bracket or a dot.
-
-    :param path: path of the value whose part has the errors.
-    :param owner: prefix of each text, in front of the field's name.
-    """
-    for item in (error, *getattr(error, 'further', ())):
-        name = format_path(path) if str(item).startswith((' ', '[', '.')) else ''
-        item.args = (f'{owner}{name}{item}',)
-        item.place = (*path, *item.place)
+        :param path: path of the value whose part has the error.
+        :param owner: name of the object that has the field, put in front of the message.
+        """
+        self.place = (*path, *self.place)
+        if self._subject is not None:
+            self._subject = (*path, *self._subject)
+            if path and isinstance(path[0], str):
+                owner, self._subject = f'{owner}{format_path(self._subject)} ', None
+        self._owner = owner + self._owner
 
 
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Prefix an error that leaves the with statement, as prefix_error does."""
+    """Add a path to the error that leaves the with statement, as PlanningError.add_path does."""
     try:
         yield
     except PlanningError as error:
-        prefix_error(error, *path)
+        error.add_path(*path)
         raise
 
 
@@ -80,6 +86,11 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
     """
 
     further: tuple['ScenarioError', ...] = ()
+
+    def add_path(self, *path: str | int, owner: str = '') -> None:
+        """Add a path to this error and to each of its further errors."""
+        for error in (self, *self.further):
+            PlanningError.add_path(error, *path, owner=owner)
 
 
 class InfeasibleMissionError(ScenarioError, code='infeasible'):

@@ -135,7 +135,7 @@ def _blaming_field() -> Iterator[None]:
     try:
         yield
     except OptionError as error:
-        raise ScenarioError(f' is wrong: {error}', error.place) from None
+        raise ScenarioError(f'is wrong: {error}', error.place, ()) from None
 
 
 @dataclass(frozen=True)

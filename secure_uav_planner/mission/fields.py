@@ -2,7 +2,7 @@
 Fields of the dataclasses of a mission, whose metadata say what is allowed.
 
 The metadata of a field have a check and a unit. A check is called with a value. It returns the
-converted value, or raises a ScenarioError whose text continues after the name of the field.
+converted value, or raises a ScenarioError whose subject is completed by the name of the field.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -17,7 +17,7 @@ import numpy as np
 
 from .validation import is_sequence, to_number
 from ..errors import (
-    describe_class, OptionError, PlanningError, prefix_error, quote, ScenarioError)
+    describe_class, FieldPath, OptionError, PlanningError, prefix_path, quote, ScenarioError)
 
 Point: TypeAlias = tuple[float, float]
 Metadata: TypeAlias = dict[str, Any]
@@ -28,7 +28,7 @@ MAX_DISTANCE = 100e3
 
 def refuse(value: object, allowed: str) -> ScenarioError:
     """Return the error of a value, whose text says what is allowed."""
-    return ScenarioError(f' is {quote(value)}; it must be {allowed}')
+    return ScenarioError(f'is {quote(value)}; it must be {allowed}', subject=())
 
 
 @dataclass(frozen=True)
@@ -114,12 +114,12 @@ class RefusedPlace(dict[str, Any]):
 def check_degrees(value: object) -> None:
     """Raise ScenarioError for a place in degrees that was not converted to m before."""
     if isinstance(value, RefusedPlace):
-        raise ScenarioError(f' is {quote(dict(value))}: {value.reason}')
+        raise ScenarioError(f'is {quote(dict(value))}: {value.reason}', subject=())
     if isinstance(value, Mapping) and {'latitude', 'longitude'} & set(value):
         reason = ('a place in degrees has a latitude and a longitude'
                   if set(value) != {'latitude', 'longitude'} else 'a place in degrees needs a '
                   'mission file with an origin: {latitude: , longitude: }')
-        raise ScenarioError(f' is {quote(value)}; {reason}')
+        raise ScenarioError(f'is {quote(value)}; {reason}', subject=())
 
 
 @dataclass(frozen=True)
@@ -184,12 +184,9 @@ class Members:
 def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any, ...]:
     """Return the items of a sequence as a check converts them."""
     items: list[Any] = []
-    try:
-        for value in values:
+    for value in values:
+        with prefix_path(len(items)):
             items.append(check(value))
-    except ScenarioError as error:
-        prefix_error(error, len(items))
-        raise
     return tuple(items)
 
 
@@ -200,7 +197,7 @@ def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[
         try:
             numbers.append(check(value))
         except ScenarioError as error:
-            raise ScenarioError(f'.{name}{error}') from None
+            raise ScenarioError(error.args[0], subject=(name,)) from None
     return tuple(numbers)
 
 
@@ -209,7 +206,8 @@ def check_argument(name: str, value: Any, check: Callable[[Any], Any]) -> Any:
     try:
         return check(value)
     except ScenarioError as error:
-        raise OptionError(f'{name}{error}', (name, *error.place)) from None
+        error.add_path(name)
+        raise OptionError(error, error.place) from None
 
 
 def checked_name(name: object) -> str:
@@ -269,11 +267,11 @@ class ErrorList(list[ScenarioError]):
 
     @contextmanager
     def collecting(self, *path: str | int, owner: str = '') -> Iterator[None]:
-        """Add the errors that leave the with statement, with the prefixes of prefix_error."""
+        """Add the errors that leave the with statement, with their path and owner in front."""
         try:
             yield
         except ScenarioError as error:
-            prefix_error(error, *path, owner=owner)
+            error.add_path(*path, owner=owner)
             self += [error, *error.further]
 
 
@@ -313,7 +311,7 @@ class FieldChecks(ErrorList):
         self.owner = f'{quote(own)[1:-1]}.' if own and isinstance(own, str) else kind._OWNER
         self._missing = _find_missing(item)
         if self._missing:
-            self.append(ScenarioError(f'{name} lacks {", ".join(self._missing)}'))
+            self.append(_make_error(name, f'lacks {", ".join(self._missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
             value = getattr(item, field.name)
             if field.name in self._missing or 'check' not in field.metadata or value is None and (
@@ -322,7 +320,7 @@ class FieldChecks(ErrorList):
             try:  # Much faster here than the context manager ErrorList.collecting.
                 object.__setattr__(item, field.name, field.metadata['check'](value))
             except ScenarioError as error:
-                prefix_error(error, field.name, owner=self.owner)
+                error.add_path(field.name, owner=self.owner)
                 self += [error, *error.further]
         kind._check_together(self)
 
@@ -334,6 +332,12 @@ class FieldChecks(ErrorList):
     def add(self, field: str, text: str) -> None:
         """Add an error of a field; its text follows the owner and the name of the field."""
         self.append(ScenarioError(f'{self.owner}{field} {text}', (field,)))
+
+
+def _make_error(name: str, predicate: str, place: FieldPath = (),
+                kind: type[PlanningError] = ScenarioError) -> Any:
+    """Return an error of an object with a name, or of a field where the name is ''."""
+    return kind(f'{name} {predicate}', place) if name else kind(predicate, place, ())
 
 
 def _find_missing(item: Any) -> list[str]:
@@ -370,11 +374,12 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
     Return an object of a class from a mapping of its fields, or raise all their errors.
 
-    :param name: name of the data in messages; '' for a field, whose name prefix_error adds.
+    :param name: name of the data in messages; '' for a field, whose name PlanningError.add_path
+        adds.
     """
     if not isinstance(data, Mapping):
-        raise kind._ERROR(f'{name} is {quote(data)}; it must be {_with_article(kind)} or a '
-                          'mapping of its fields')
+        raise _make_error(name, f'is {quote(data)}; it must be {_with_article(kind)} or a '
+                          'mapping of its fields', kind=kind._ERROR)
     defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
     errors, further = ErrorList(), ErrorList()
     data = kind._expand(data, further)
@@ -382,7 +387,7 @@ def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
         if given not in defaults:
             near = difflib.get_close_matches(str(given), defaults, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(defaults)}'
-            errors.append(ScenarioError(f'{name} has no field {quote(given)}{hint}', (given,)))
+            errors.append(_make_error(name, f'has no field {quote(given)}{hint}', (given,)))
     item = SimpleNamespace(**{field: data.get(field, default)
                               for field, default in defaults.items()})
     if not errors and not further and not _find_missing(item):

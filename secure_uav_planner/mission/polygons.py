@@ -47,17 +47,18 @@ def checked_polygon(values: Any) -> Vertices:
         raise refuse(vertices, 'a list of at least three different vertices')
     ring = shapely.Polygon(vertices)
     if ring.convex_hull.area <= _THINNEST * ring.length**2:
-        raise ScenarioError(f' is {quote(vertices)}, which has no area; its vertices must not lie '
-                            'on one line')
+        raise ScenarioError(f'is {quote(vertices)}, which has no area; its vertices must not lie '
+                            'on one line', subject=())
     if not ring.is_valid:
         place = shapely.is_valid_reason(ring).partition('[')[2].rstrip(']').replace(' ', ', ')
-        raise ScenarioError(f' is {quote(vertices)}, whose outline crosses or touches itself near '
-                            f'({place}); it must not')
+        raise ScenarioError(f'is {quote(vertices)}, whose outline crosses or touches itself near '
+                            f'({place}); it must not', subject=())
     return vertices
 
 
 def _too_many(vertices: Sequence[Any]) -> ScenarioError:
-    return ScenarioError(f' has {len(vertices)} vertices; it must have at most {MAX_VERTICES}')
+    return ScenarioError(
+        f'has {len(vertices)} vertices; it must have at most {MAX_VERTICES}', subject=())
 
 
 def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
