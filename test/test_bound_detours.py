@@ -13,8 +13,7 @@ from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
 from secure_uav_planner.errors import PlanningError
-from secure_uav_planner.model.airspace import Airspace
-from secure_uav_planner.model.airspace import VisibilityGraph
+from secure_uav_planner.model.airspace import Airspace, VisibilityGraph
 import shapely
 
 

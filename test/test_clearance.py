@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError
-from secure_uav_planner.model.clearance import Clearance, least_distance, Pieces
+from secure_uav_planner.model.airspace.clearance import Clearance, least_distance, Pieces
 from secure_uav_planner.model.curve import Curve
 import shapely
 

@@ -17,7 +17,7 @@ from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, EXAMPLES, locate_error
 from ..mission.propagation import reference_snr_db
 from ..mission.scenario import Scenario
-from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
+from ..model.airspace.clearance import CLOSE_DISTANCE, find_unseparated_pair
 from ..model.limits import lift_limits, measure_energies
 from ..model.problem import Problem
 from ..optimize import fly_hover_fly, solve

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .airspace import Airspace, VisibilityGraph
-from .clearance import Clearance
+from .airspace import Airspace, Clearance, VisibilityGraph
 from .curve import Curve
 from .grid import Grid
 from .limits import build_limits, Limit, LineLimit, measure_energies, NormLimit

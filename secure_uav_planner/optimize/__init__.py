@@ -9,7 +9,7 @@ The optimisation: methods and baselines, from a scenario to a plan.
 | exchange of constraints (semi-infinite programming) | `joint/exchange.py` |
 | alternating successive convex approximation, the paper's | `alternating.py` |
 | projection by sequential convex programming | `initial/projection.py` |
-| shortest paths in a visibility graph | `model/airspace.py` |
+| shortest paths in a visibility graph | `model/airspace/routes.py` |
 
 `methods.py` runs a method by its name. An `Incumbent` keeps the best feasible iterate of a call,
 whichever method proposes it, and a `Deadline` ends it. `rejoin.py` finds the beginning of a replan

@@ -22,8 +22,8 @@ from ..mission.fields import (
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
 from ..mission.validation import checked_kind, is_sequence
+from ..model.airspace import Clearance
 from ..model.channel.shares import find_shares
-from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Energy
 from ..model.limits.base import POWER_TOLERANCE
 from ..model.problem import Problem

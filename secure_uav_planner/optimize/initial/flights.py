@@ -9,7 +9,7 @@ import numpy as np
 
 from ..deadline import DeadlineCheck
 from ...mission.scenario import Array, Scenario, Uav
-from ...model.airspace import MOST_ROUTES, VisibilityGraph
+from ...model.airspace.routes import MOST_ROUTES, VisibilityGraph
 from ...model.problem import Problem
 
 _TURNS = 25  # Number of places on the way out at which a UAV may turn back.

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 import shapely
 
-from .curve import Curve
-from ..errors import PlanError
-from ..mission.participants import Uav
-from ..mission.scenario import POSITION_TOLERANCE, Scenario
-from ..mission.validation import Array
+from ..curve import Curve
+from ...errors import PlanError
+from ...mission.participants import Uav
+from ...mission.scenario import POSITION_TOLERANCE, Scenario
+from ...mission.validation import Array
 
 _HALVINGS = 45
 _POINT = 1e-300  # The square of an edge's length at least, where its corners are equal.
