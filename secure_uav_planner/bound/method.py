@@ -29,50 +29,54 @@ from ..plan.results import Bound, check_plan, Iteration, Status
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
-Limits of the number of places that the bound uses; between them a place for every eavesdropper.
+Least and largest number of eavesdroppers' places; between these one place for each eavesdropper.
 
-Against the worst case in a single disc they all lie in it: more places bound the paper's missions
-no closer.
+With a single disc and the objective 'worst_case', all 3 places lie in this disc. More places bound
+the paper's missions no closer.
 """
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
-Temperatures of coarse groups in nats, with the rounds of new columns at each.
+Schedule for coarse groups: pairs of a temperature [nats] and its number of rounds.
 
-Measured: a single round at each leaves 2% at T = 102 s against the worst case instead of 0.4%, and
-25% instead of 0.4% in a mission of 8 slots, in the same time.
+Measured against the schedule with one round for each temperature, in the same time: the gap is
+0.4% instead of 2% at T = 102 s with 'worst_case', and 0.4% instead of 25% in a mission of 8 slots.
 """
 
 FINE = ((0.03, 1),)
-"""The same of fine groups, with linear potentials."""
+"""First schedule for fine groups, with linear potentials; pairs as in COARSE."""
 
 QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
-"""The same after these, with quadratic potentials."""
+"""Second schedule for fine groups, with quadratic potentials; pairs as in COARSE."""
 
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
-"""The same with linear potentials, where a group has several slots or the gap is large."""
+"""
+Second schedule for fine groups, with linear potentials; pairs as in COARSE.
+
+It is used for groups of several slots, and after QUADRATIC if the gap is above LARGE_GAP.
+"""
 
 LARGE_GAP = 0.1
 """
-Gap above which linear potentials are tried, too.
+Gap above which linear potentials are tried after quadratic ones.
 
-Measured: 8 of 40 missions take 1.7 times as long, 2 of them get closer, 19.7% becoming 17.1%.
+Measured: 8 of 40 missions take 1.7 times as long, and 2 of the 8 get closer, 19.7% becoming 17.1%.
 """
 
 SLOTS_A_GROUP, FEWEST_GROUPS = 4, 20
 """Slots of a coarse group, and the least number of coarse groups."""
 
 ITERATIONS = 5
-"""Newton steps of a round."""
+"""Largest number of Newton steps in a round."""
 
 FIRST_CERTIFICATE = 0.7
-"""Share of a time limit that is reserved for the first certificate."""
+"""Fraction of a time limit that is reserved for the first certificate."""
 
 FINE_COST = 1.5
-"""Time that a certificate takes per fine group, over that per coarse group, at most."""
+"""Largest ratio of a certificate's time per fine group to its time per coarse group."""
 
 REPORT_PERIOD = 0.5
-"""Time in s after which progress is reported without a better bound."""
+"""Time [s] without a better bound after which progress is reported again."""
 
 
 def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
@@ -81,22 +85,24 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use separation
-    and limits of energy, nor zones and a geofence of very many corners: they only lower what plans
-    can reach.
+    It holds for every plan that Plan accepts for this scenario, tolerances included. It does not
+    hold for the rates between the points, nor for another scenario or objective. It ignores
+    separation and max_energy, and zones and a geofence of more than about 200 corners. These
+    limits only lower the rates of plans.
 
     :param scenario: a Scenario with at most one jammer.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
-        that of (P1), against the worst place of every disc.
+        the rate of problem (P1), against the worst place of every disc.
     :param plan: a good Plan of the scenario, from which the search for multipliers starts; by
         default one that solve finds. A better plan may make the bound lower.
-    :param time_limit: in s; past it the best bound so far is returned.
-    :param on_progress: called with an Iteration after every bound that was proven, and twice a
-        second; returning True ends the search.
+    :param time_limit: time [s] after which the best bound so far is returned.
+    :param on_progress: called with an Iteration after every proven bound, and twice a second;
+        returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
-        another scenario, or a scenario for which nothing is proven: with several jammers or
-        ground nodes, tracks, or another channel than free space, with or without fading.
+        another scenario, or a scenario for which nothing is proven. These are scenarios with
+        several jammers, several ground nodes, tracks, or a channel other than free space. Fading
+        is allowed.
     """
     checked_kind('scenario', scenario, Scenario)
     check_argument('objective', objective, Choice(OBJECTIVES))
@@ -114,7 +120,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     detours = DetourSearch(Airspace(scenario))
     best = _BestBound(Deadline(report, limit, REPORT_PERIOD), FIRST_CERTIFICATE * (limit or 0.0))
     best.offer(compute_plain_bound(scenario))
-    # A NaN on the way makes a bound infinite, never wrong; see certify.
+    # A NaN in the computation makes a bound infinite, never wrong; see certify.
     with np.errstate(all='ignore'):
         status = run_to_end(_search_multipliers, best, detours, objective, plan)
     return Bound(scenario, best.rate, objective, list_ignored_limits(detours),
@@ -122,7 +128,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
 
 def explain_refusal(scenario: Scenario) -> str:
-    """Return the reason for which a scenario has no bound, in one line; empty if it has one."""
+    """Return in one line why upper_bound refuses a scenario; empty if it accepts the scenario."""
     jammers, nodes = len(scenario.uavs) - 1, scenario.ground_nodes
     if len(nodes) > 1:
         return (f'scenario has {len(nodes)} ground_nodes; the proof of upper_bound holds for a '
@@ -141,8 +147,9 @@ def compute_plain_bound(scenario: Scenario) -> float:
     """
     Return a bound that needs no search, in bit/s/Hz.
 
-    No plan does better than with the transmitter above the ground node and no eavesdropper: then
-    log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power.
+    It is log(1 + g p / H^2) at the average power p, with the transmitter above the ground node and
+    no eavesdropper. It holds for every plan: the rate is concave in the power, so unequal powers
+    only lower its mean. It ignores how far the transmitter must fly.
     """
     uav = scenario.uavs[0]
     log_snr = (math.log(find_reference_snrs(scenario)[0, 0])
@@ -160,10 +167,10 @@ def list_ignored_limits(detours: DetourSearch) -> tuple[str, ...]:
 
 class _BestBound:
     """
-    The best bound of a call of upper_bound, of searches that leave time for their certificates.
+    The best bound of a call of upper_bound, and the time that its certificates need.
 
-    :param reserved: time in s for the first certificate.
-    :ivar status: 'time_limit' after a search that was ended for its certificate.
+    :param reserved: time [s] that is reserved for the first certificate.
+    :ivar status: 'time_limit' after a search that ended early to leave time for its certificate.
     """
 
     def __init__(self, deadline: Deadline, reserved: float) -> None:
@@ -173,15 +180,15 @@ class _BestBound:
 
     def reserve_time(self, ratio: float) -> DeadlineCheck:
         """
-        Return the `raise_if_over` of a search that leaves time for its certificate.
+        Return a `raise_if_over` that ends a search while time for its certificate is left.
 
-        :param ratio: of the time of that certificate to the time of the last one.
+        :param ratio: expected time of this certificate over the time of the last certificate.
         """
         return partial(self.deadline.raise_if_over, ratio * self._proving)
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """Prove a bound by what a search has found in the with statement."""
+        """Run the search in the with statement, then prove a bound with its multipliers."""
         try:
             yield
         except TimeLimitError:
@@ -193,7 +200,7 @@ class _BestBound:
         self.deadline.raise_if_over()
 
     def offer(self, rate: float) -> None:
-        """Keep a proven bound if it is the lowest, and report."""
+        """Keep a proven bound if it is the lowest so far, and report the lowest."""
         self.rate = min(self.rate, rate)
         self.deadline.report(Iteration(0, 'bound', self.rate, self.deadline.elapsed, 0.0))
 
@@ -206,7 +213,7 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     best.deadline.raise_if_over()
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
-    # A few hundred slots show which eavesdroppers matter.
+    # 400 slots suffice to show which eavesdroppers matter.
     sample = np.unique(np.linspace(
         1, scenario.slots, min(scenario.slots, MOST_GROUPS)).astype(int))
     sinrs = subset.compute_sinrs(
@@ -239,11 +246,12 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
 def find_start(scenario: Scenario, deadline: Deadline, objective: str,
                plan: Plan | None) -> tuple[Array, Array, float]:
     """
-    Return positions (U, N + 2, 2) in m and powers (U, N) in W of a plan, and its rate.
+    Return positions (U, N + 2, 2) in m, powers (U, N) in W and the rate of a plan.
 
-    Without a plan these are straight lines at the average powers, and the rate is 0.
+    If solve finds no plan, the positions are straight lines, the powers are the average powers,
+    and the rate is 0.
 
-    :param plan: by default the one that solve finds in half of the time left.
+    :param plan: the plan; by default one that solve finds in half of the time left.
     """
     if plan is not None:
         return plan.positions, plan.powers, getattr(plan, f'{objective}_rate')
@@ -254,7 +262,7 @@ def find_start(scenario: Scenario, deadline: Deadline, objective: str,
                      time_limit=max(deadline.time_left / 2, 1e-3))
         positions, powers, rate = plan.positions, plan.powers, plan.rate
     except PlanningError:
-        # A mission that cannot be flown in so few slots, or not be planned before the search ends.
+        # The mission cannot be flown in 400 slots, or was not planned in time.
         start = np.array([[uav.start] for uav in scenario.uavs])
         goal = np.array([[uav.goal] for uav in scenario.uavs])
         positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
@@ -264,7 +272,7 @@ def find_start(scenario: Scenario, deadline: Deadline, objective: str,
 
 
 def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
-    """Minimise the dual function at falling temperatures."""
+    """Minimise the dual function at falling temperatures [nats], with rounds at each."""
     for tau, rounds in schedule:
         for _ in range(rounds):
             search.raise_if_over()

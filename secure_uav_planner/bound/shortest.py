@@ -21,12 +21,12 @@ from ..plan.plan import Iteration, Plan, Status
 from ..plan.results import explain_silence
 
 _BITS = Number(1e-6, 1e12, 'bit/Hz')
-_ACCURACY = 0.1  # Of the duration in s; where slots are shorter, a slot.
-_GROWTH = 2.0  # Ratio of durations until one suffices; its root after one that cannot be flown.
-_LEAST_GROWTH = 1.01  # Ratio below which no longer duration is tried.
-_LEAST_TIME = 1e-3  # Time limit in s of a part of the search that begins just before the end.
-_SHORTER = 1.0  # s by which a flight is shorter that a bound is asked about.
-_PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
+_ACCURACY = 0.1  # Accuracy [s] of the duration; with slots shorter than 0.1 s it is one slot.
+_GROWTH = 2.0  # Ratio of successive durations until one suffices.
+_LEAST_GROWTH = 1.01  # Ratio of durations below which the search for a longer one is given up.
+_LEAST_TIME = 1e-3  # Least time limit [s] of a call of solve or upper_bound in the search.
+_SHORTER = 1.0  # Time [s] by which the flight that is to be proven too short is shorter.
+_PERIOD = 0.05  # Longest time [s] between calls of the callback.
 
 
 def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective | None = None,
@@ -35,24 +35,27 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     """
     Plan the shortest flight that delivers a number of bits, by the method 'joint'.
 
-    What is delivered is the mean rate times the duration T. Waiting at the start never delivers
-    less, so durations are bracketed and the bracket divided, to 0.1 s or a slot. The message of
-    the plan says that it suffices; where upper_bound proves that no flight of a second less does,
-    it says that as well.
+    A flight delivers its mean rate times its duration T. Waiting at the start never delivers
+    less, so a bracket of durations is narrowed to 0.1 s, or to one slot if slots are shorter. The
+    message of the plan says that it delivers the bits. It also says that no flight shorter by 1 s
+    delivers them, if upper_bound proves this. Without this proof a shorter flight may exist,
+    because solve may miss the best flight of a duration.
 
-    :param scenario: a Scenario. Its slots keep their length, but for what makes their number
-        whole; where a UAV starts in motion, exactly, and T is a number of slots.
-    :param bits: to be delivered, in bit/Hz, above 0.
-    :param objective: the rate that counts, as for solve.
-    :param time_limit: in s; past it the shortest flight so far that delivers is returned.
+    :param scenario: a Scenario. The number of its slots changes with the duration, and their
+        length changes by as much as the rounding of this number needs. If a UAV starts in motion,
+        the length stays exactly as it is and T is a multiple of it.
+    :param bits: amount to be delivered [bit/Hz], above 0.
+    :param objective: the rate that delivers, as for solve.
+    :param time_limit: time [s] after which the shortest delivering flight so far is returned.
     :param on_progress: called with an Iteration after every step; returning True ends the search
-        likewise. Its `step` begins with the duration under trial, such as '122.6 s: joint'.
+        with the shortest delivering flight so far. The Iteration's `step` begins with the
+        duration under trial, such as '122.6 s: joint'.
     :return: a Plan, whose scenario has the duration.
     :raises OptionError: for another objective, a time limit or bits that are not positive.
-    :raises InfeasibleMissionError: when no flight can deliver so much, or none was found that
-        does, with the place ('bits',); or when none keeps the limits.
-    :raises StoppedError: when the search is stopped before such a flight was found.
-    :raises TimeLimitError: when the time limit is over before that.
+    :raises InfeasibleMissionError: with the place ('bits',) when no flight can deliver the bits,
+        or when none was found that does; without it when no flight keeps the limits.
+    :raises StoppedError: when the search is stopped before a delivering flight was found.
+    :raises TimeLimitError: when the time limit is over before a delivering flight was found.
     """
     checked_kind('scenario', scenario, Scenario)
     bits = check_argument('bits', bits, _BITS)
@@ -65,16 +68,17 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 
 def find_longest_duration(scenario: Scenario) -> float:
-    """Return the longest duration in s of a flight with as long slots."""
+    """Return the longest duration [s] that a scenario with this slot length may have."""
     return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration)
 
 
 def check_bits(scenario: Scenario, bits: float) -> None:
     """
-    Check what needs no search: whether any flight of a scenario can deliver a number of bits.
+    Refuse bits that provably no flight of a scenario delivers, by formulas without a search.
 
     The sum of the ground nodes' mean rates is at most log2(1 + SNR) straight below the transmitter
-    at peak power. What every node is delivered, with its head start, is its weight times the bits.
+    at peak power. Each ground node, with its head start, needs its weight times the bits. Bits
+    that pass may still be out of reach.
 
     :raises InfeasibleMissionError: with the place ('bits',).
     """
@@ -93,10 +97,12 @@ def check_bits(scenario: Scenario, bits: float) -> None:
 
 class _Search:
     """
-    The search for the shortest flight; each method raises as Deadline.raise_if_over does.
+    The search for the shortest flight.
 
-    :ivar last: the last plan that was found, from which the next solve begins, too.
-    :ivar best: the shortest one that suffices, or None.
+    Its methods raise StoppedError or TimeLimitError when the deadline is over.
+
+    :ivar last: the last plan that was found, from which the next solve starts.
+    :ivar best: the shortest plan that delivers the bits, or None.
     """
 
     def __init__(self, scenario: Scenario, bits: float, objective: Objective,
@@ -106,7 +112,8 @@ class _Search:
         self._tried = scenario.duration
         self.last: Plan | None = None
         self.best: Plan | None = None
-        # The state of a UAV in motion is two points of its path, half a slot before and after it.
+        # The start of a UAV in motion is given by two points of its path half a slot before and
+        # after it, so another slot length would mean another start.
         self._keeps_slots = any(
             uav.max_acceleration is not None and uav.start_velocity not in (None, (0.0, 0.0))
             for uav in scenario.uavs)
@@ -115,11 +122,11 @@ class _Search:
 
     @property
     def _time_left(self) -> float:
-        """Time limit of a part of the search, in s."""
+        """Time limit [s] for a call of solve or upper_bound."""
         return max(self._deadline.time_left, _LEAST_TIME)
 
     def find_plan(self) -> Plan:
-        """Return the shortest flight with what is proven of it."""
+        """Return the shortest flight, with `too_short` if that was proven."""
         status = run_to_end(self._narrow)
         if self.best is None:
             self._deadline.raise_if_over()
@@ -128,7 +135,7 @@ class _Search:
                        status=self.best.status if status == 'converged' else status)
 
     def _narrow(self) -> Status:
-        """Find the shortest flight that suffices, and prove that it is."""
+        """Narrow the bracket of durations to the accuracy, then try to prove its lower end."""
         best, low, delivered = self._bracket()
         while (high := best.scenario.duration) - low > self._accuracy * (1 + 1e-6):
             share = 0.5 if delivered is None else (
@@ -144,7 +151,12 @@ class _Search:
         return 'converged'
 
     def _bracket(self) -> tuple[Plan, float, float | None]:
-        """Return a flight that suffices, a duration that is too short, and its bits, if any."""
+        """
+        Return a flight that delivers the bits and a shorter duration [s] that does not.
+
+        The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
+        flown. Durations grow by a ratio, whose root is taken after one that cannot be flown.
+        """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
         duration = self._scenario.duration
@@ -163,7 +175,7 @@ class _Search:
             duration = min(growth * low, longest)
 
     def _plan_flight(self, duration: float) -> Plan | None:
-        """Return the plan of a duration in s, or None if it cannot be flown."""
+        """Return a plan of a duration [s], or None if it cannot be flown; keep it in `last`."""
         self._tried = duration
         self._report(Iteration(0, 'start', 0.0, 0.0, 0.0))
         self._deadline.raise_if_over()
@@ -179,21 +191,21 @@ class _Search:
         return plan
 
     def _change_duration(self, duration: float) -> Scenario:
-        """Return the scenario with another duration in s."""
+        """Return the scenario with another duration [s], in slots of about the same length."""
         step = self._scenario.slot_duration
         slots = max(1, round(duration / step))
         return replace(self._scenario, slots=slots,
                        duration=slots * step if self._keeps_slots else duration)
 
     def _report(self, iteration: Iteration) -> bool:
-        """Report an iteration of a part of the search; return True if it must end."""
+        """Report an iteration of solve or upper_bound; return True if the search must end."""
         self._deadline.report(replace(
             iteration, number=next(self._numbers), elapsed=self._deadline.elapsed,
             step=f'{self._tried:.1f} s: {iteration.step}'))
         return self._deadline.is_over()
 
     def _prove(self, best: Plan) -> None:
-        """Add to the best plan that a shorter flight is too short, if a bound proves it."""
+        """Set too_short of the best plan if a bound proves that a flight shorter by 1 s fails."""
         duration = best.scenario.duration - _SHORTER
         if duration <= 0 or explain_refusal(self._scenario):
             return
@@ -211,5 +223,5 @@ class _Search:
 
 
 def _count_bits(plan: Plan) -> float:
-    """Return the bits that a plan delivers, in bit/Hz."""
+    """Return what a plan delivers [bit/Hz]."""
     return plan.rate * plan.scenario.duration

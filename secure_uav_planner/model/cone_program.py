@@ -92,9 +92,9 @@ def is_solver_failure(error: BaseException) -> bool:
 
 class LeastFlights:
     """
-    Flights of least utilisation, each of which is searched for once and then kept.
+    A cache of flights of least utilisation.
 
-    A cone program of 200 slots takes 9 ms, and a call of solve asks for some 100 times.
+    A cone program of 200 slots takes 9 ms, and a call of solve asks for some flights 100 times.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class LeastFlights:
 
     def find(self, vehicle: Vehicle, slots: int, step: float,
              raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
-        """Return the answer of minimise_utilisation."""
+        """Return the answer of minimise_utilisation, computed once."""
         key = vehicle, slots, step
         if key not in self._flights:
             self._flights[key] = minimise_utilisation(*key, raise_if_over)
@@ -112,7 +112,7 @@ class LeastFlights:
                           raise_if_over: Callable[[], None] = lambda: None) -> Array:
         """Return the least utilisations of the flights of a scenario, (U,)."""
         slots = scenario.slots
-        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
+        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as in Grid.
         return np.array([self.find(uav.vehicle, slots, step, raise_if_over)[0]
                          for uav in scenario.uavs])
 

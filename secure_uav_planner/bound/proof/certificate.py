@@ -10,7 +10,7 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
     M_1 = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
           + potential(q),
 
-A being the logarithm of a gain of the transmitter, b a gain of the jammer, m that of
+where A is the logarithm of a gain of the transmitter, b a gain of the jammer, and m the value of
 maximise_power. M_0 and M_1 are bounded by branch and bound (terms.py) at a few breakpoints w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
@@ -21,8 +21,8 @@ H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 
 
 Lemma 10. Lemma 1 holds for any v, so v may also depend on the place of a UAV. Let cells cover the
 reachable set of the last UAV in a slot. In each cell v(w0) is chosen anew, and M of the last UAV
-is a maximum over the cell. B is then at most its largest value of all cells. With one v, a jammer
-counts as if it were near several eavesdroppers, near each for a part of the slot.
+is a maximum over the cell. B is then at most its largest value of all cells. A single v for all
+cells would let a jammer be near several eavesdroppers, near each for a part of the slot.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from .terms import Index, Potential, Terms, TOLERANCE
 from ...mission.validation import Array
 
 FLOOR = 1e-6
-"""Received SNR below which a jammer's power counts by the most that it can do."""
+"""Received SNR of a jammer's power below which the largest effect of this power is taken."""
 
 PIECES = 24
 """Pieces of the entropies between two breakpoints of w0."""
 
 
 def sigmoid(z: Array) -> Array:
-    """Return phi'(z) = 1 / (1 + exp(-z)) of phi(z) = log(1 + exp(z)), without overflow."""
+    """Return 1 / (1 + exp(-z)), the derivative of phi(z) = log(1 + exp(z)), without overflow."""
     return 1.0 / (1.0 + np.exp(-np.clip(z, -700.0, 700.0)))
 
 
@@ -54,8 +54,9 @@ def entropy(*weights: Array) -> Array:
     """
     Return the entropy H of a distribution of weights w_1, w_2, .. and their rest, in nats.
 
-    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at place e. With
-    colluding eavesdroppers the places of one disc are a listener, otherwise all places are one.
+    Lemma 1. Let z0 be the logarithm of the SINR at the ground node, and z_e the logarithm of the
+    SINR at place e. With colluding eavesdroppers all places of one disc form a listener; otherwise
+    all places of all discs form a single listener.
     The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of listener j: only the worst
     place of a disc counts, so places of one disc do not add up. With phi(z) = log(1 + e^z),
 
@@ -74,7 +75,7 @@ def entropy(*weights: Array) -> Array:
         phi(z0) - log(1 + sum_j exp(y_j))
             <= max over w0 in [0, 1] of w0 z0 + H(w0) - sum_e v_e(w0) z_e - H(v(w0)).
 
-    z0 and z_e are sums of one term of each UAV, so the bracket is, too: the UAVs separate.
+    z0 and z_e are sums of one term for each UAV, and so is the bracket: the UAVs separate.
     """
     weights = tuple(np.clip(weight, 0.0, 1.0) for weight in weights)
     rest = np.maximum(1.0 - sum(weights), 0.0)
@@ -85,14 +86,14 @@ def maximise_power(weight: Array, price: float, peak: float) -> tuple[Array, Arr
     """
     Return max over 0 < p <= peak of weight log p - price p, and the p where it is attained.
 
-    Lemma 3. In lemma 1 the logarithm of the transmit power comes with w0 - s >= 0, and its mean
-    over the slots is limited: for every price lam >= 0 the Lagrangian's term is this one. Its
-    maximum is at p = weight / lam, or at the peak where that is larger; for weight = 0 the
-    supremum is 0, as p goes to 0.
+    Lemma 3. In lemma 1 the logarithm of the transmit power has the factor w0 - s >= 0, and the
+    mean power over the slots is limited. So for every price lam >= 0 this maximum is the
+    Lagrangian's term. It is attained at p = min(weight / lam, peak). For weight = 0 the supremum
+    is 0, as p goes to 0.
 
     :param weight: w0 - s, at least 0.
     :param price: lam in nats per W, at least 0.
-    :param peak: in W.
+    :param peak: largest power [W].
     """
     # Whatever p is returned, the value is exact for it only at the maximiser; p below 1e-300
     # has a weight below 1e-300 * price, and the value is then 0 in this arithmetic.
@@ -105,14 +106,14 @@ class Multipliers:
     """
     The multipliers of a certificate: any numbers are valid, good ones make it tight.
 
-    :param potentials: of every UAV.
+    :param potentials: potential of each UAV.
     :param prices: lam, (U,) in nats per W, not negative.
-    :param cells: of the last UAV, (C,).
+    :param cells: C cells that cover the reachable sets of the last UAV.
     :param weights: w0 at the breakpoints, rising, (K, C), within (0, 1].
     :param v: eavesdropper multipliers at the breakpoints, (K, C, E), not negative, with a sum of
         at most w0.
-    :param silent_incumbents: values near the maxima of the terms in silence, (U, C) in nats.
-    :param incumbents: the same at the breakpoints, (U, K, C).
+    :param silent_incumbents: values near the maxima of a silent UAV's terms, (U, C) in nats.
+    :param incumbents: values near the maxima of the terms at the breakpoints, (U, K, C) in nats.
     """
 
     potentials: tuple[Potential, ...]
@@ -129,10 +130,11 @@ class Certificate:
     """
     A proven bound and its parts.
 
-    :param rate: mean over the slots that no plan exceeds, in bit/s/Hz.
+    :param rate: mean rate over the slots that no plan exceeds [bit/s/Hz].
     :param groups: B of every group, (G,) in nats.
-    :param offset: the rest, so that rate log 2 = (sum of count B + offset) / N.
-    :param potentials: of every UAV.
+    :param offset: the terms of the ends and of average powers [nats], so that
+        rate log 2 = (sum of count B + offset) / N.
+    :param potentials: potential of each UAV.
     :param prices: lam, (U,) in nats per W.
     """
 
@@ -148,9 +150,12 @@ def certify(team: Team, multipliers: Multipliers,
     """
     Return the certificate that multipliers give.
 
+    It is valid for any multipliers and whenever it is stopped; its rate is infinite if a value is
+    not a number. It holds for the objective and the scenario of the team's reachable sets only.
+
     :param team: the UAVs of the scenario.
-    :param multipliers: any; good ones make the rate small.
-    :param stop: asked now and then; True ends the branch and bound: the rate is valid, but larger.
+    :param multipliers: any multipliers; good ones make the rate small.
+    :param stop: asked now and then; True ends the branch and bound, and the rate is larger.
     """
     potentials = multipliers.potentials
     prices = np.maximum(multipliers.prices, 0.0)
@@ -188,13 +193,13 @@ def certify(team: Team, multipliers: Multipliers,
 
 def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
                   stop: Callable[[], bool]) -> Array:
-    """Return bounds of a silent UAV's term, its potential, in given cells, (M,) in nats."""
+    """Return upper bounds of a silent UAV's term, its potential, in given cells, (M,) in nats."""
     none = np.zeros((len(cell), len(potential.region.radii)))
     return Terms(potential, cells, cell, none[:, 0], none).bound_maxima(incumbents, stop)
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:
-    """Return both ends of log p of a jammer; lower powers count as silence."""
+    """Return the range of log p of a jammer in its terms; bound_terms covers lower powers."""
     region, top = team.regions[uav], math.log(team.regions[uav].peak)
     largest = region.log_gain + max(0.0, float(region.log_advantages.max()))
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
@@ -204,10 +209,14 @@ def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: 
                 silent: Array, weights: Array, v: Array, price: float, incumbents: Array,
                 stop: Callable[[], bool]) -> Array:
     """
-    Return bounds of M_i at (w0, v) in given cells, (M,).
+    Return upper bounds of M_i at (w0, v) in given cells, (M,) in nats.
 
-    A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
-    potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
+    A jammer's powers below FLOOR / (its largest gain) are covered by one term: at these powers
+    the potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
+
+    :param uav: index i of the UAV.
+    :param cell: indices of the cells, (M,).
+    :param silent: upper bounds of the UAV's term in silence, (M,) in nats.
     """
     if not uav:
         return Terms(potential, cells, cell, weights, v, price).bound_maxima(incumbents, stop)
@@ -220,12 +229,12 @@ def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: 
 def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
                  price: float) -> Array:
     """
-    Return bounds over the pieces of w0, (PIECES, K, C) in nats; see lemma 4.
+    Return upper bounds of B on each piece of w0, (PIECES, K, C) in nats; see lemma 4.
 
-    :param silent: bound of all terms in silence, (C,).
-    :param joint: bounds of M at the breakpoints, (K, C).
+    :param silent: bound of all UAVs' terms in silence, (C,) in nats.
+    :param joint: bounds of M at the breakpoints, (K, C) in nats.
     :param weights: w0 at the breakpoints, (K, C).
-    :param v: eavesdropper multipliers there, (K, C, E).
+    :param v: eavesdropper multipliers at the breakpoints, (K, C, E).
     :param price: lam of the transmitter.
     """
     zero = np.zeros((1, len(silent)))

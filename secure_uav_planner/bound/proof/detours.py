@@ -3,18 +3,19 @@ Lemma 9: a path around obstacles takes time.
 
 The obstacles of a UAV are a polygon O: its zones, and the parts of the geofence's convex hull that
 are outside the fence, all a little smaller than they are. In slot n the UAV has flown a path
-around O that is no longer than n moves, and one of N + 1 - n moves is left. So the shortest path
-around O from the start to its place is no longer than the first, and that to the goal no longer
-than the second; places inside O, or outside the hull, have no such path.
+around O of at most n moves, and flies another of at most N + 1 - n moves. So the shortest path
+around O from the start to its place is no longer than n moves, and the shortest path from its
+place to the goal no longer than N + 1 - n moves. Places inside O, or outside the hull, have no
+such path.
 
 Shortest paths are straight between corners of O, hence
 
     length(q) = min over all c that are seen from q, corners and the end, of length(c) + |q - c|.
 
-A place is not seen from c if it is in the shadow of a convex part K of O, which is convex: all
+A place is not seen from c if it is in the shadow of a convex part K of O: the convex set of all
 c + t (k - c) with k in K and t >= 1. For a whole cell of a grid the minimum is over all c from
-which any place of it may be seen, with the distance from c to the cell: that is never more than
-length(q) in it. Whatever is rounded is rounded so that more is seen.
+which some place of the cell may be seen, with the distance from c to the cell. It is never more
+than length(q) of a place q in the cell. Rounding only lets more be seen.
 
 The points of a UAV with a limit of acceleration are beside the curve that it flies: c(n), half a
 slot after the middle of the move before, is (q[n-1] + 6 q[n] + q[n+1]) / 8, no farther than A / 8
@@ -48,14 +49,17 @@ Measured: with twice as many, bounds of random cities are up to 0.4% closer, in 
 """
 
 MOST_CORNERS = 200
-"""Corners of O; with more, which would take seconds, the bound ignores the obstacles."""
+"""Largest number of corners of O; with more, which take seconds, obstacles are ignored."""
 
-SMALLER, GRID = 1e-3, 1e-6
+SMALLER = 1e-3
 """
-In m: by how much O is smaller, and on which grid shadows have their corners.
+Length [m] by which O is smaller than the obstacles.
 
-Its convex parts overlap by a tenth of the first, so that nothing is seen between them.
+The convex parts of O overlap by a tenth of SMALLER, so that nothing is seen between them.
 """
+
+GRID = 1e-6
+"""Spacing [m] of the grid on which shadows have their corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +67,12 @@ class Detours:
     """
     Lower bounds of the lengths of a UAV's paths to the cells of a rectangle, in its frame.
 
+    They hold for every place of a cell and every path of a feasible plan.
+
     :param low: the rectangle's lower corner, (2,).
-    :param size: of a cell, (2,).
-    :param lengths: of the paths from the start and from the goal, less what the curve may save,
-        (2, SIDE, SIDE); infinite where there is none.
+    :param size: size of a cell, (2,).
+    :param lengths: bounds for paths from the start and from the goal to each cell, minus what the
+        curve may save, (2, SIDE, SIDE). Infinite if no path leads to the cell.
     """
 
     low: Array
@@ -75,26 +81,26 @@ class Detours:
 
     @property
     def compiled(self) -> core.Detours:
-        """Return the kernel's form."""
+        """Return the kernel's form of these detours."""
         return core.Detours(*map(np.ascontiguousarray, (self.low, self.size, self.lengths)))
 
     def scale(self, unit: float) -> Detours:
-        """Return the detours with lengths in another unit, in m."""
+        """Return the detours with all lengths divided by a unit [m]."""
         return Detours(self.low / unit, self.size / unit, self.lengths / unit)
 
     def locate(self, place: Array) -> tuple[Array, Array]:
-        """Return the indices of the cells of places (..., 2), or of those that are closest."""
+        """Return indices of the cells of places (..., 2); outside, of the closest cells."""
         cell = np.floor((place - self.low) / self.size)
         i, j = np.moveaxis(np.clip(cell, 0, SIDE - 1).astype(int), -1, 0)
         return i, j
 
     def find_centre(self, cell: Array) -> Array:
-        """Return the centres of cells (..., 2), alike."""
+        """Return the centres (..., 2) of cells with indices (..., 2)."""
         return np.asarray(self.low + (cell + 0.5) * self.size)
 
 
 def frame_axes(uav: Uav) -> Array:
-    """Return the axes of a UAV's frame, the first from its start to its goal, (2, 2)."""
+    """Return the unit axes of a UAV's frame, the first from start towards goal, (2, 2)."""
     offset = np.subtract(uav.goal, uav.start)
     length = float(np.hypot(*offset))
     along = offset / length if length > 1e-9 * uav.altitude else np.array([1.0, 0.0])
@@ -105,8 +111,8 @@ class DetourSearch:
     """
     The search for the detours of all UAVs.
 
-    :param airspace: with the obstacles.
-    :ivar scenario: whose airspace it is.
+    :param airspace: the airspace that has the obstacles.
+    :ivar scenario: the scenario of the airspace.
     """
 
     def __init__(self, airspace: Airspace) -> None:
@@ -114,24 +120,24 @@ class DetourSearch:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the obstacles at all altitudes have few enough corners to be used."""
+        """Whether obstacles are used at all UAVs' altitudes, with at most MOST_CORNERS each."""
         return not any(map(_has_too_many_corners, self._parts.values()))
 
     @cached_property
     def detours(self) -> tuple[Detours | None, ...]:
-        """Detours of each UAV in m; None without obstacles, or with too many corners."""
+        """Detours of each UAV in m; None without obstacles or with more than MOST_CORNERS."""
         return tuple(_find_detours(self.scenario, index, self._parts[uav.altitude])
                      for index, uav in enumerate(self.scenario.uavs))
 
     @cached_property
     def _parts(self) -> dict[float, tuple[Any, ...]]:
-        """Convex polygons that overlap a little and make up O, at every UAV's altitude in m."""
+        """Convex polygons that overlap a little and make up O, by UAVs' altitude [m]."""
         return {altitude: _split_obstacles(self._airspace, altitude)
                 for altitude in {uav.altitude for uav in self.scenario.uavs}}
 
 
 def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Detours | None:
-    """Return the detours of UAV `index` around the parts of its obstacles; see DetourSearch."""
+    """Return the detours of UAV `index` around convex parts of O, or None; see DetourSearch."""
     uav, fence = scenario.uavs[index], scenario.boundaries.keep_in
     if _has_too_many_corners(parts) or not parts and fence is None:
         return None
@@ -143,7 +149,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
         ends += np.array([-before, after]) / 2
         saved += np.hypot(*np.transpose([before, after])) / 2 + step / 8
         beside = min(uav.max_acceleration * scenario.slot_duration**2, 2 * step) / 8 + SMALLER
-    # Both paths together are no longer than all moves, so that all places are in an ellipse.
+    # Both paths together are no longer than all moves, so all places are inside an ellipse.
     length = float(np.hypot(*np.subtract(uav.goal, uav.start)))
     longest = step * (scenario.slots + 1) + 1.0
     half = np.array([longest, np.sqrt(max(longest**2 - length**2, 0.0)) + 1.0]) / 2
@@ -167,11 +173,11 @@ def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
 def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
     boundaries = airspace.scenario.boundaries
-    # Each alone: a plan may fly between two that touch.
+    # Zones are not united, because a plan may fly between two that touch.
     solids = [shapely.Polygon(vertices) for vertices, name in boundaries.keep_out(altitude)
               if name not in airspace.far]
     if boundaries.keep_in is not None:
-        # A pocket reaches beyond the convex hull, so that no way is left between both.
+        # A pocket is extended beyond the convex hull, so that no path runs between the two.
         fence = shapely.Polygon(boundaries.keep_in)
         solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
                    for pocket in pockets(boundaries.keep_in)]
@@ -184,7 +190,7 @@ def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
 
 
 def _split_at_holes(solid: Any) -> Iterator[Any]:
-    """Yield polygons without holes that make up a polygon or several."""
+    """Yield polygons without holes that together make up the polygons of `solid`."""
     for polygon in shapely.get_parts(solid):
         if not len(polygon.interiors):
             yield from () if polygon.is_empty else (polygon,)
@@ -200,11 +206,14 @@ def _split_at_holes(solid: Any) -> Iterator[Any]:
 
 def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -> Array:
     """
-    Return lower bounds of the paths from two ends to cells around polygons, (2, C) in m.
+    Return lower bounds of the lengths of paths from two ends to cells, (2, C) in m.
 
-    :param parts: convex polygons, perhaps none.
-    :param hull: a convex polygon that places are in, or None.
-    :param ends: (2, 2) in m.
+    They hold for every place of a cell and every path around the parts within the hull. They are
+    infinite for cells that no such path reaches.
+
+    :param parts: convex polygons to go around, perhaps none.
+    :param hull: a convex polygon that contains all paths, or None.
+    :param ends: places at which the paths begin, (2, 2) in m.
     :param cells: convex polygons, (C,).
     """
     solid = shapely.union_all(parts)
@@ -231,7 +240,7 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
 
 
 def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
-    """Return the part of the plane that a convex polygon (K, 2) hides from a place, itself too."""
+    """Return what a convex polygon (K, 2) hides from a place, the polygon included."""
     offset = outline - place
     length = np.hypot(*offset.T)
     distinct = length > 1e-9

@@ -26,34 +26,36 @@ class ReachableSet:
     One UAV in its own frame: its reachable set in every group, its channel and its powers.
 
     The origin is the start, the first axis points to the goal, and lengths are divided by
-    `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
-    moves of its start and N + 1 - n moves of its goal: a reachable set, the part that two discs
-    share. Where the velocity changes by at most an acceleration limit, moves are short near ends
-    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in terms.py.
+    `unit`, so that start, goal and receivers lie within a few units. In slot n a UAV is within n
+    moves of its start and N + 1 - n moves of its goal. The reachable set is the intersection of
+    these two discs. It contains the UAV's place in every feasible plan, tolerances included, but
+    not every place in it can be reached. With an acceleration limit, moves are short near an end
+    whose velocity is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in terms.py.
 
-    :param unit: length of one unit in m.
-    :param origin: of the frame, (2,) in m.
-    :param axes: rows are the frame's axes, (2, 2).
-    :param distance: from start to goal, in units.
+    :param unit: length of one unit [m].
+    :param origin: origin of the frame, (2,) in m.
+    :param axes: the frame's axes as rows, (2, 2).
+    :param distance: distance from start to goal, in units.
     :param step: largest move from one point to the next, tolerance included, in units.
-    :param steps: the same after the slots of every group, (G,).
+    :param steps: largest move after a slot of every group, tolerance included, (G,) in units.
     :param max_move_change: A, the largest change of a move from one slot to the next, in units;
         two steps without a limit of acceleration.
-    :param end_move_changes: the same at the start and at the goal, where a free velocity counts
-        as zero with changes of up to a step, (2,).
+    :param end_move_changes: A at the start and at the goal, (2,) in units. A free velocity is
+        replaced by velocity zero with changes of up to a step.
     :param end_moves: d_{-1} and d_{N+1}, the moves before the start and after the goal, (2, 2).
     :param from_start: radius of the disc about the start in every group, (G,) in units.
     :param to_goal: radius of the disc about the goal in every group, (G,) in units.
-    :param altitude: in units.
-    :param log_gain: logarithm of the SNR at the ground node at one unit and 1 W.
+    :param altitude: altitude of the UAV, in units.
+    :param log_gain: logarithm of the SNR at the ground node at a distance of one unit and 1 W.
     :param ground: the ground node, (2,) in units.
     :param eavesdroppers: centres of the discs, (E, 2) in units.
     :param radii: error radii, (E,) in units.
-    :param log_advantages: of the eavesdroppers' SNR at one unit and 1 W over that, (E,).
-    :param transmits: whether this is UAV 0; the others jam.
-    :param peak: largest power, tolerance included, in W.
-    :param average: largest mean power, tolerance included, in W.
-    :param detours: around zones and within the geofence, in units, or None.
+    :param log_advantages: logarithm of each eavesdropper's SNR over the ground node's SNR at
+        equal distance and power, (E,).
+    :param transmits: True for the transmitter, UAV 0; False for a jammer.
+    :param peak: largest power, tolerance included [W].
+    :param average: largest mean power, tolerance included [W].
+    :param detours: path lengths around zones and within the geofence, in units, or None.
     """
 
     unit: float
@@ -85,10 +87,10 @@ class ReachableSet:
         Return the reachable set of UAV `index`, with all that a Plan tolerates.
 
         :param scenario: the mission.
-        :param index: of the UAV.
-        :param groups: its slots in groups.
-        :param subset: the eavesdroppers.
-        :param detours: of the UAV in m, or None to ignore its obstacles.
+        :param index: index of the UAV.
+        :param groups: groups of the mission's slots.
+        :param subset: places that stand for the eavesdroppers.
+        :param detours: detours of the UAV in m, or None to ignore its obstacles.
         """
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
@@ -102,7 +104,7 @@ class ReachableSet:
         number = np.arange(1, scenario.slots + 2)
         ramps = (np.hypot(*end_moves.T)[:, None] + end_move_changes[:, None]
                  + (number - 1) * max_move_change)
-        # A move is a difference of coordinates, each of them rounded.
+        # The factors 1 + 1e-12 cover rounding, since moves are differences of rounded coordinates.
         moves = np.minimum(step, np.minimum(ramps[0], ramps[1, ::-1]) * (1 + 1e-12))
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
@@ -135,7 +137,7 @@ class ReachableSet:
                           log_advantages)
 
     def local(self, positions: Array) -> Array:
-        """Return positions (..., 2) in m in the frame, in units."""
+        """Return positions (..., 2), given in m, in the UAV's frame and in units."""
         return np.asarray((positions - self.origin) @ self.axes.T / self.unit)
 
     @cached_property
@@ -143,9 +145,9 @@ class ReachableSet:
         """
         Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
 
-        Across, the reachable set is widest at a centre or where the circles cross, if they do so
-        between the centres. The crossing at a has the half width sqrt(r1^2 - a^2); with 0 <= a <=
-        D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        Across, the reachable set is widest where the circles cross, if they cross between the
+        centres, and else at a centre. The crossing at a has the half width sqrt(r1^2 - a^2). With
+        0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
         near, far, distance = self.from_start, self.to_goal, self.distance
         first = self._crossing()
@@ -159,7 +161,7 @@ class ReachableSet:
         high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
-        # A group that no cell is free for keeps all those of the least delay.
+        # A group without a cell that is reached in time keeps the cells of the least delay.
         late = self._time_deficit()
         free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
         cells = free.any(2), free.any(1)
@@ -170,14 +172,14 @@ class ReachableSet:
                 np.minimum(high, self.detours.low + (last + 1e-6) * step))
 
     def _time_deficit(self) -> Array:
-        """Excess of the paths to every cell and from there over the time, (G, SIDE, SIDE)."""
+        """Length by which paths to or from each cell are too long, (G, SIDE, SIDE) in units."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
                           back - self.to_goal[:, None, None])
 
     def _crossing(self) -> Array:
-        """Return the first coordinate of the two circles' crossings, (G,), NaN for none."""
+        """Return the first coordinate at which the two circles cross, (G,); NaN if they do not."""
         near, far, distance = self.from_start, self.to_goal, self.distance
         if distance < 1e-9:
             return np.full(len(near), np.nan)
@@ -187,13 +189,13 @@ class ReachableSet:
     @cached_property
     def corner(self) -> Array:
         """
-        Return the upper crossing of the circles, (G, 2), or zeros where there is none.
+        Return the upper crossing of the circles, (G, 2), or zeros if they do not cross.
 
         Lemma 6. For any split g1 + g2 of a direction g, the maximum of g . q over both discs is at
-        most r1 |g1| + r2 |g2| + g2 . goal, the sum of the two discs' maxima. It is attained by g2
-        = 0 or g1 = 0 where the maximum lies on one disc's arc, and else by the multiples of the
-        normals at a corner. The kernel computes the split from the corner, so that a badly rounded
-        corner makes a bound larger, never wrong.
+        most r1 |g1| + r2 |g2| + g2 . goal, the sum of the two discs' maxima. This is attained by
+        g2 = 0 or g1 = 0 if the maximum lies on one disc's arc. Otherwise it is attained by the
+        multiples of the normals at a corner. The kernel computes the split from the corner, so
+        that a badly rounded corner makes a bound larger, never wrong.
         """
         first = self._crossing()
         across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
@@ -209,7 +211,7 @@ class ReachableSet:
             & self._is_in_time(place, group))
 
     def _is_in_time(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) that detours leave time for in their group (...)."""
+        """Return True for places (..., 2) that detours allow in their group (...)."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
         there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
@@ -217,14 +219,14 @@ class ReachableSet:
 
     @cached_property
     def _closest_cells(self) -> NDArray[np.int16]:
-        """For every group and cell the closest cell in time, (G, SIDE, SIDE, 2)."""
+        """For every group and cell the index of the closest allowed cell, (G, SIDE, SIDE, 2)."""
         assert self.detours is not None
         return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
             return_indices=True), 0, -1) for late in self._time_deficit()], np.int16)
 
     def clip(self, place: Array, group: NDArray[np.integer[Any]]) -> Array:
-        """Return places (..., 2), moved into both discs and to the closest cell in time."""
+        """Return places (..., 2) moved into both discs, and into the closest cell in time."""
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
             length = np.sqrt((offset * offset).sum(-1))
@@ -238,7 +240,13 @@ class ReachableSet:
             self._is_in_time(place, group)[..., None], place, self.detours.find_centre(cell))
 
     def find_farthest(self, direction: Array) -> Array:
-        """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
+        """
+        Return the reachable set's farthest places in K directions, (G, K, 2) in units.
+
+        With detours they are moved to the closest allowed cell.
+
+        :param direction: (G, K, 2), or (1, K, 2) for the same directions in all groups.
+        """
         norm = np.hypot(direction[..., 0], direction[..., 1])[..., None]
         unit = np.where(norm > 0, direction / np.maximum(norm, 1e-300), [1.0, 0.0])
         goal = np.array([self.distance, 0.0])
@@ -253,10 +261,12 @@ class ReachableSet:
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """
-        Return log(d0^2 + H^2) and log((de^2 + H^2) / a_e) at places (..., 2): (...), (..., E).
+        Return log(d0^2 + H^2), (...), and log((de^2 + H^2) / a_e), (..., E), at places (..., 2).
 
-        a_e is the eavesdropper's advantage, so that log_gain less either is a gain's logarithm.
-        The distances to eavesdroppers are the guarantee's.
+        a_e is the eavesdropper's advantage. Subtracted from log_gain, each value gives the
+        logarithm of a gain. d0 is the distance to the ground node. de is the distance to the
+        eavesdropper's disc that the guarantee uses: the least for the transmitter, the largest
+        for a jammer.
         """
         square = self.altitude**2
         ground = np.log(((place - self.ground)**2).sum(-1) + square)
@@ -267,7 +277,7 @@ class ReachableSet:
 
 
 def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
-    """Return A, A at both ends, (2,), and the moves beyond them, (2, 2), all in m; see of."""
+    """Return A, A at both ends, (2,), and the moves beyond both ends, (2, 2), all in m."""
     uav = scenario.uavs[index]
     if uav.max_acceleration is None:
         return 2 * step, np.array([step, step]), np.zeros((2, 2))
@@ -282,7 +292,7 @@ class Cells:
     """
     Rectangles in a UAV's frame that cover its reachable set in every group, see lemma 10.
 
-    :param group: of every cell, (C,).
+    :param group: index of every cell's group, (C,).
     :param low: lower corners, (C, 2) in units.
     :param high: upper corners, (C, 2) in units.
     """
@@ -297,26 +307,26 @@ class Cells:
         return cls(np.arange(len(region.steps)), *region.bounding_box)
 
     def quarter(self, chosen: NDArray[np.int64]) -> Cells:
-        """Return the cells with chosen ones, (D,), divided into four."""
+        """Return all cells, with those of the indices `chosen`, (D,), divided into four."""
         cells = self._halve(chosen, 0)
         return cells._halve(np.append(chosen, np.arange(len(self.group), len(cells.group))), 1)
 
     def _halve(self, chosen: NDArray[np.int64], axis: int) -> Cells:
-        """Return the cells with chosen ones, (D,), halved; the upper halves come last."""
+        """Return all cells, with the chosen ones, (D,), halved; upper halves are appended."""
         low, high = self.low.copy(), self.high.copy()
         upper_low, upper_high = low[chosen], high[chosen]
-        # Both halves have the same middle, whatever it is rounded to.
+        # Both halves have the same rounded middle, so that no gap is between them.
         high[chosen, axis] = upper_low[:, axis] = (low[chosen, axis] + high[chosen, axis]) / 2
         return Cells(np.append(self.group, self.group[chosen]),
                      np.concatenate([low, upper_low]), np.concatenate([high, upper_high]))
 
     def contain(self, place: Array) -> NDArray[np.bool_]:
-        """Return True for places (C, K, 2) in their cell, (C, K)."""
+        """Return whether each of K places of every cell, (C, K, 2), is inside it, (C, K)."""
         return np.asarray(
             ((place >= self.low[:, None]) & (place <= self.high[:, None])).all(-1))
 
     def restrict(self, region: ReachableSet) -> core.ReachableSet:
-        """Return the kernel's form of the parts of reachable sets in the cells."""
+        """Return the kernel's form of the reachable sets, each restricted to a cell."""
         from_start, to_goal, corner, low, high = (
             np.ascontiguousarray(values, float) for values in (
                 region.from_start[self.group], region.to_goal[self.group],
@@ -329,11 +339,11 @@ class Cells:
 @dataclass(frozen=True, eq=False)
 class Team:
     """
-    The reachable sets of the UAVs, at most one of which jams, in all groups of a mission.
+    The reachable sets of the transmitter and of at most one jammer in all groups of a mission.
 
-    :param groups: the slots in groups.
-    :param regions: of the transmitter, and of the jammer.
-    :param listeners: indices of the places of each, see certificate.entropy.
+    :param groups: groups of the mission's slots.
+    :param regions: reachable sets of the transmitter, and of the jammer if there is one.
+    :param listeners: for each listener the indices of its places; see certificate.entropy.
     """
 
     groups: SlotGroups
@@ -347,8 +357,8 @@ class Team:
         Return the team of a scenario.
 
         :param scenario: the mission.
-        :param subset: the eavesdroppers.
-        :param detours: of each UAV in m, see DetourSearch.
+        :param subset: places that stand for the eavesdroppers.
+        :param detours: detours of each UAV in m, see DetourSearch.
         :param most: largest number of groups.
         """
         groups = SlotGroups.of(scenario.slots, most)

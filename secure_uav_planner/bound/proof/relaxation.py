@@ -3,23 +3,24 @@ What the bound gives away: slots share groups, eavesdroppers are left out, toler
 
 **Tolerances.** A Plan may exceed a step, or miss its ends in every coordinate, by
 POSITION_TOLERANCE, and exceed every limit of power by POWER_TOLERANCE. Steps, discs and powers are
-widened by that much. A power below zero counts as zero in a Plan.
+widened by these tolerances. A power below zero is zero in a Plan.
 
-**Rounding.** Let eps = 2^-52. Lengths are in units of about the mission's extent, so that
-receivers and goals are at coordinates of at most about 2, with an absolute error of a few eps, and
-d^2 + H^2 has a relative one of a few eps (1 + 1 / H); the logarithms' gradients are at most 1 / H.
-Every sum that bounds a box has fewer than 10 terms of each of the following kinds, each of them
-wrong by at most a few eps of its size: logarithms (below 200 in size for every scenario that is
-legal, weighted by w0 <= 1 and sum v <= 1), and the potentials' terms (at most |u| r + |S| r^2 and
-step (|u| + |S| r) in size, r being the farthest that the reachable set reaches). The terms that
-`add_disc_multiplier` in bound/kernel/terms.hpp adds are of that size, too: their factors are at
-most ten times the slope, and their discs' radii at most twice the place's distance. Second
-derivatives are wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^2
-and met only where a box is within H of a receiver, so that it is at most of the size of 2 over a
-box. `margin` is 64 eps times the sum of these sizes, which is about ten times what the terms can
-add up to, and it is added to every box, to every maximum and to every group. It is of the order of
-1e-11 nats for a mission like the paper's and grows with the values of its fields; where it is not
-finite, neither is the bound. Sums over the groups are exact but for one rounding (math.fsum).
+**Rounding.** Let eps = 2^-52. Lengths are in units of about the mission's extent. So receivers and
+goals are at coordinates of at most about 2, with an absolute error of a few eps. The relative
+error of d^2 + H^2 is a few eps (1 + 1 / H), and the logarithms' gradients are at most 1 / H. Every
+sum that bounds a box has fewer than 10 terms of each of two kinds, and a term is wrong by at most
+a few eps of its size. The first kind are logarithms, below 200 in size for every legal scenario,
+with weights w0 <= 1 and sum v <= 1. The second kind are the potentials' terms. Their size is at
+most |u| r + |S| r^2 and step (|u| + |S| r), where r is the farthest that the reachable set
+reaches. The terms that `add_disc_multiplier` in bound/kernel/terms.hpp adds have the second kind's
+size: their factors are at most ten times the slope, and their discs' radii at most twice the
+place's distance. Second derivatives are wrong by a few eps of their terms. A negative second
+derivative of the rates is at most 2 / H^2 in size and occurs only where a box is within H of a
+receiver, so its term is at most about 2 in size over a box. `margin` is 64 eps times the sum of
+these sizes, which is about ten times the possible error of the terms together. It is added to
+every box, to every maximum and to every group. It is of the order of 1e-11 nats for a mission like
+the paper's and grows with the values of the scenario's fields. An infinite margin makes the bound
+infinite. Sums over the groups are exact except for one rounding (math.fsum).
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ from ...model.channel.rates import bound_sinrs
 from ...plan.plan import POSITION_TOLERANCE
 
 MOST_GROUPS = 400
-"""More slots than that share groups; time and memory are then those of as many slots."""
+"""Largest number of slot groups, which limits time and memory for missions of more slots."""
 
 RAYS = 16
-"""Points on every disc's circle, to choose from; its centre is one more."""
+"""Number of candidate points on every disc's circle; the centre is one more candidate."""
 
 EPSILON = 64 * float(np.finfo(float).eps)
 """64 eps: the factor of every margin."""
 
 COORDINATE_ROUNDING = 1e-12
-"""Share by which discs are widened, against the rounding of squares that are compared."""
+"""Fraction of the radius by which discs are widened, against rounding of compared squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +53,17 @@ class SlotGroups:
     """
     The slots 1..N in G groups of neighbouring slots, of one slot each where N is small.
 
-    All slots of a group share one reachable set, which holds the reachable sets of all of them,
-    and one set of multipliers; so one bound serves for all of them.
+    All slots of a group share one reachable set, which contains the slots' reachable sets, and one
+    set of multipliers. So the bound of a group is a bound for each of its slots.
 
-    :param edges: number of slots before each group, and N, (G + 1,).
+    :param edges: number of slots before each group, then N, (G + 1,).
     """
 
     edges: NDArray[np.int64]
 
     @classmethod
     def of(cls, slots: int, most: int = MOST_GROUPS) -> SlotGroups:
-        """Return the groups of a mission of `slots` slots, at most `most`, as even as can be."""
+        """Return at most `most` groups, of nearly equal size, of a mission of `slots` slots."""
         count = min(slots, most)
         return cls(np.arange(count + 1) * slots // count)
 
@@ -83,13 +84,17 @@ class SlotGroups:
 
     @property
     def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean weights of the edges before and after a group in its slots, (G,) each."""
+        """
+        Mean weights of the edges before and after a group, (G,) each.
+
+        Multipliers inside a group are interpolated linearly between these edges.
+        """
         count = self.count.astype(float)
         return (count - 1) / (2 * count), (count + 1) / (2 * count)
 
     @property
     def slots(self) -> int:
-        """N."""
+        """Return the number N of all slots."""
         return int(self.edges[-1])
 
 
@@ -102,17 +107,17 @@ def unit_circle(count: int) -> Array:
 @dataclass(frozen=True, eq=False)
 class EavesdropperSubset:
     """
-    Places of eavesdroppers.
+    Places of eavesdroppers, which the bound uses in place of the scenario's discs.
 
-    No leak falls when an eavesdropper joins, so leaving some out lowers no plan's rate. And the
-    leak to the worst point of a disc is at least that to any chosen point: for problem (P1)
-    eavesdroppers without an error radius at chosen points do as well, and with them the
-    objectives of (P1) and (P2) are the same.
+    A leak does not fall when an eavesdropper joins, so leaving some out lowers no plan's rate. The
+    leak to the worst point of a disc is at least the leak to any chosen point. So for problem (P1)
+    each disc is replaced by eavesdroppers of radius 0 at chosen points of the disc. For these the
+    objectives of problems (P1) and (P2) are equal.
 
-    :param places: (E, 2) in m.
-    :param radii: (E,) in m.
-    :param advantages: by what factor the SNR is larger than at the ground node's receiver, (E,).
-    :param owners: index of the eavesdropper of each place, (E,).
+    :param places: centres, (E, 2) in m.
+    :param radii: error radii, (E,) in m.
+    :param advantages: factor by which the SNR exceeds the ground node's at equal gain, (E,).
+    :param owners: index of the scenario's eavesdropper to which each place belongs, (E,).
     """
 
     places: Array
@@ -122,7 +127,7 @@ class EavesdropperSubset:
 
     @classmethod
     def of(cls, scenario: Scenario, objective: str) -> EavesdropperSubset:
-        """Return all candidates: discs for 'guaranteed', points of them for 'worst_case'."""
+        """Return all candidates: discs for 'guaranteed', points of the discs for 'worst_case'."""
         centres = np.array([eve.position for eve in scenario.eavesdroppers])
         radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
         if objective == 'guaranteed':
@@ -140,8 +145,8 @@ class EavesdropperSubset:
         """
         Return the SINR at every place by the guarantee's formula, (E, N).
 
-        :param positions: of a plan, (U, N + 2, 2) in m.
-        :param powers: of the plan, (U, N) in W.
+        :param positions: positions of a plan, (U, N + 2, 2) in m.
+        :param powers: powers of the plan, (U, N) in W.
         """
         link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(self.advantages[:, None])
         return bound_sinrs(link, positions[:, None, 1:-1] - self.places[:, None],
@@ -149,13 +154,13 @@ class EavesdropperSubset:
 
     def select_loudest(self, sinrs: Array, most: int, colluding: bool) -> EavesdropperSubset:
         """
-        Return at most `most` places, one in every disc before a second one in any.
+        Return at most `most` places, the loudest first, one in every disc before a second in any.
 
-        The first is the place with the largest leak over all slots, each further one raises the
-        largest leak most. A plan may leak little into a disc just because its jammer sees to
-        that, so no disc is left out for further places in a disc.
+        The first is the place with the largest leak over all slots. Each further place raises the
+        total leak most. Every disc gets a place before any gets two, because a plan may leak
+        little into a disc only because its jammer is there.
 
-        :param sinrs: of the plan, (E, N).
+        :param sinrs: SINRs of a plan at all places, (E, N).
         :param colluding: True if the SINRs of eavesdroppers add up.
         """
         chosen: list[int] = []
@@ -176,10 +181,10 @@ class EavesdropperSubset:
 
 def end_tolerance(scenario: Scenario) -> float:
     """
-    Return the tolerance of an end, in m.
+    Return the largest distance [m] by which a plan may miss a start or a goal.
 
-    The tolerance is one of each coordinate, hence the factor; and coordinates that are compared in
-    a UAV's own frame are off by a few eps of the mission's extent.
+    A Plan tolerates an error in each coordinate, so the distance has the factor 1.5 > sqrt(2).
+    Coordinates in a UAV's own frame are wrong by a few eps of the mission's extent.
     """
     places = [scenario.ground_node, *(eve.position for eve in scenario.eavesdroppers),
               *(uav.start for uav in scenario.uavs), *(uav.goal for uav in scenario.uavs)]
@@ -189,20 +194,22 @@ def end_tolerance(scenario: Scenario) -> float:
 
 def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     """
-    Return the margin of a sum of logarithms and potentials, in nats.
+    Return a bound of the rounding error of a sum of logarithms and potentials [nats].
 
-    :param altitude: of the UAV, in units.
-    :param size: of the potentials' terms, in nats.
+    The head of this module derives 200 and 10 / H.
+
+    :param altitude: altitude H of the UAV, in units.
+    :param size: size of the potentials' terms [nats].
     """
     return np.asarray(EPSILON * (200.0 + 10.0 / altitude + size))
 
 
 def find_reference_snrs(scenario: Scenario) -> Array:
     """
-    Return the reference SNRs of the links to the ground node and an eavesdropper, (2, U).
+    Return the reference SNRs of the links to the ground node and to an eavesdropper, (2, U).
 
-    Without an advantage. Fading with an outage multiplies the gain of each link by a constant, the
-    quantile that counts; no lemma asks how large a link's constant is.
+    An eavesdropper's receiver advantage is not included. Fading with an outage multiplies the gain
+    of each link by a constant, its quantile; the lemmas hold for any such constant.
     """
     return np.array([np.broadcast_to(
         np.ravel(make_link(scenario, kind).reference_snr), len(scenario.uavs))

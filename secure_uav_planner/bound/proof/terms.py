@@ -1,8 +1,8 @@
 """
 One UAV's term of the Lagrangian: its potential, lemmas 2 and 8, and its maximum, lemma 5.
 
-The branch and bound for the maximum is compiled: bound/kernel/boxes.cpp has its bounds and derives
-them.
+The branch and bound for the maximum is compiled: bound/kernel/boxes.cpp computes and derives the
+bounds of boxes.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ...model.kernel import core
 Index = NDArray[np.intp]
 
 BUDGET = 20000
-"""Boxes for one function; what is left then counts with the bound it has."""
+"""Largest number of boxes for one function; boxes that are left then keep their bounds."""
 
 TOLERANCE = 2e-4
 """Tolerance of every maximum, in nats."""
 
 NOTHING = -1e9
-"""Bound in nats of a function over a cell that misses the reachable set."""
+"""Bound [nats] of a function over a cell that misses the reachable set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,38 +47,38 @@ class Potential:
         0 <= T_0(start) + W_0(start) - W_N(goal)
              + sum over n = 1..N of W_n(q[n]) - W_{n-1}(q[n]) + T_n(q[n]),
 
-    and whatever stands there for slot n may be added to the slot's rate before its place is
-    chosen freely in the reachable set: the bound of the whole remains valid, and the place that
-    gains in this slot pays for what it costs the others. With W_n(q) = u_n . q + q . S_n q / 2
+    and the summand of slot n may be added to the slot's rate before the slot's place is chosen
+    freely in the reachable set. The sum of all slots remains an upper bound, and a place that
+    gains in one slot pays for what it costs other slots. With W_n(q) = u_n . q + q . S_n q / 2
 
         T_n(q) <= step |u_n + S_n q| + step^2 / 2 max(0, the largest eigenvalue of S_n).
 
     S = 0 is Lagrangian duality, which lets a UAV be in two places, each half of the time; S makes
-    that cost something. W is an estimate of what being somewhere is worth for the rest of the
-    flight.
+    this cost something. W estimates what a place is worth for the rest of the flight.
 
-    Lemma 8 (acceleration). With the moves d_n = q[n+1] - q[n], d_{-1} and d_{N+1} being those
-    beyond the ends, and |d_n - d_{n-1}| <= A_n, for any vectors w_0..w_{N+1}
+    Lemma 8 (acceleration). With the moves d_n = q[n+1] - q[n], where d_{-1} and d_{N+1} are the
+    moves beyond the ends, and |d_n - d_{n-1}| <= A_n, for any vectors w_0..w_{N+1}
 
         0 <= sum over n = 0..N of (w_{n+1} - w_n) . d_n + sum over n = 0..N+1 of A_n |w_n|
              + w_0 . d_{-1} - w_{N+1} . d_{N+1},
 
-    because the other sums are those of w_n . (d_n - d_{n-1}). Added to W_n(q + d) - W_n(q) it
-    turns u_n in T_n, not in W_n, into u_n + w_{n+1} - w_n: a move that is dear here is paid for
-    where the velocity for it was gained. With w_0 = 0, or with w_0 the whole of the slope g = u_0
+    because w_n . (d_n - d_{n-1}) >= -A_n |w_n| for n = 0..N+1, summed by parts. Added to
+    W_n(q + d) - W_n(q) it turns u_n in T_n, not in W_n, into u_n + w_{n+1} - w_n: a costly move
+    is paid for where its velocity was gained. With w_0 = 0, or with w_0 equal to the slope g = u_0
     + w_1, T_0(start) is at most the smaller of step |g| and A_0 |g| + g . d_{-1}.
     A velocity that is free at an end is d = 0 there with A = step.
 
     Within a group of several slots u and w are interpolated between the edges. T is convex in (u,
-    S, w), so it is at most the interpolated T; where S = 0 that is the same at every place, and
-    its mean over the slots of the group is all that counts. S is for groups of one slot each.
+    S, w), so it is at most the interpolated T. For S = 0 the interpolated T does not depend on the
+    place, and only its mean over the slots of the group matters. S must be 0 in groups of several
+    slots.
 
     :param slope: u, (G + 1, 2) in nats per unit.
     :param curvature: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
     :param acceleration: w_{n+1} at the edge after slot n, (G + 1, 2) in nats per unit.
-    :param groups: between the edges.
-    :param region: of the UAV.
-    :raises AssertionError: for S in groups of several slots.
+    :param groups: the G groups between the G + 1 edges.
+    :param region: reachable sets of the UAV.
+    :raises AssertionError: if S is not 0 in groups of several slots.
     """
 
     slope: Array
@@ -124,7 +124,7 @@ class Potential:
         return np.asarray(before * length[0] + after * length[1] + self.acceleration_cost())
 
     def acceleration_cost(self) -> Array:
-        """Return the part A |w| of these, (G,) in nats."""
+        """Return the terms A |w| of a slot of every group, (G,) in nats; part of `constant`."""
         before, after = self.groups.means
         cost = self.region.max_move_change * np.hypot(*self.acceleration.T)
         return np.asarray(before * cost[:-1] + after * cost[1:])
@@ -133,7 +133,7 @@ class Potential:
         """
         Return the term f |u + S q| of every group as (f, u, S), (G, 6).
 
-        Zeros if S = 0: then it is part of `constant`.
+        For S = 0 these are zeros, because the term is then part of `constant`.
         """
         cost = np.concatenate(
             [self.region.steps[:, None], self.move_slopes[1], self.curvature[1:]], axis=1)
@@ -155,14 +155,15 @@ class Potential:
                       + max(limits[1] - region.max_move_change, 0.0) * np.hypot(*pull)
                       - region.end_moves[1] @ pull)
         at_goal = last[0] * goal + self.curvature[-1, 0] * goal**2 / 2
-        # At most |grad W| + |S| step, and |grad W|, times the tolerance of an end.
+        # A miss of the start changes T_0 + W_0 by at most (|grad W_0| + |S| step) times the miss.
+        # A miss of the goal changes W_N by at most |grad W_N| times the miss.
         first_slope = np.hypot(*first) + size0 * (region.step + miss)
         last_slope = np.hypot(*last) + size1 * (goal + miss)
         return float(start - at_goal + miss * (first_slope + last_slope)
                      + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
     def magnitude(self) -> Array:
-        """Return a limit of the size of the terms of every group, (G,) in nats, for `margin`."""
+        """Return an upper bound of the size of the potentials' terms, (G,) in nats, for margin."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
         slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)
@@ -176,17 +177,17 @@ class Potential:
 @dataclass(frozen=True, eq=False)
 class Terms:
     """
-    M functions of one UAV's place, and a jammer's power, each over a cell of its reachable set.
+    M functions of one UAV's place and power, each over a cell of its reachable set.
 
-    They are the UAV's terms of the rates, its price of power, and its potential.
+    Each is the sum of the UAV's terms of the rates, its price of power, and its potential.
 
-    :param potential: of the UAV.
-    :param cells: of the UAV.
-    :param cell: of every function, (M,).
-    :param weight: w0, (M,).
-    :param v: eavesdropper multipliers, (M, E).
-    :param price: lam in nats per W.
-    :param powers: lower and upper limits of a jammer's log p, or None where no power counts.
+    :param potential: potential of the UAV.
+    :param cells: cells of the UAV's reachable set.
+    :param cell: index of every function's cell, (M,).
+    :param weight: w0 of every function, (M,).
+    :param v: eavesdropper multipliers of every function, (M, E).
+    :param price: lam [nats per W].
+    :param powers: range of a jammer's log p; None for a function of the place only.
     """
 
     potential: Potential
@@ -202,12 +203,15 @@ class Terms:
         """
         Return upper bounds of the functions' maxima, (M,) in nats.
 
-        A box is dropped when it misses one of the reachable set's discs or when its bound is below
-        the incumbent plus TOLERANCE: if none is left, the maximum is not above that.
+        A box is dropped if it misses one of the reachable set's discs, or if its bound is below
+        the incumbent plus TOLERANCE. When all boxes are dropped, the maximum is at most incumbent
+        + TOLERANCE.
 
-        :param incumbents: values near the maxima, (M,); any are valid.
-        :param stop: asked before every group; True leaves the rest with their first boxes' bounds.
-        :param budget: boxes for each function.
+        :param incumbents: guesses of the maxima, (M,). Any values give a bound; values near the
+            maxima give a tight one.
+        :param stop: asked before every cell. After True the remaining functions keep the bounds
+            of their first boxes.
+        :param budget: largest number of boxes for each function.
         """
         constant = self.potential.constant()[self.cells.group[self.cell]]
         bounds, tolerance = incumbents - constant, np.full(len(self.cell), TOLERANCE)
@@ -226,7 +230,7 @@ class Terms:
 
     @cached_property
     def compiled(self) -> core.Terms:
-        """Return the kernel's form, without the potential's constant."""
+        """Return the kernel's form of the functions, without the potential's constant."""
         region = self.potential.region
         slope, curvature, speed_cost, margins, weight, v = (
             np.ascontiguousarray(values, float) for values in (

@@ -1,7 +1,7 @@
 """
 The columns of each UAV: candidate places and powers in every slot group.
 
-The value of a column is convex in the multipliers, and so is the largest value of any columns.
+The value of a column is convex in the multipliers, and so is the largest value of several columns.
 """
 
 from __future__ import annotations
@@ -18,11 +18,17 @@ from ..proof.reachable_set import ReachableSet, Team
 from ..proof.relaxation import unit_circle
 from ...mission.validation import Array
 
-GRID, COARSE_GRID, SILENT_GRID = (11, 13), (4, 5), (5, 5)
-"""Places along and across a set: of candidates, of columns always kept, and of silent ones."""
+GRID = (11, 13)
+"""Numbers of candidate places along and across a reachable set."""
+
+COARSE_GRID = (4, 5)
+"""Numbers of places along and across a reachable set whose columns every round uses."""
+
+SILENT_GRID = (5, 5)
+"""Numbers of silent places along and across a reachable set."""
 
 RIM = 32
-"""Silent places on the rim of a reachable set, the farthest in as many directions."""
+"""Number of silent places on the rim of a reachable set, the farthest in even directions."""
 
 COARSE_POWERS = [0, 4]
 """Indices of a jammer's powers at the places of the coarse grid."""
@@ -31,16 +37,19 @@ KEPT = 45
 """Number of the best columns that a round uses."""
 
 RECENT = 8
-"""Latest rounds whose columns serve to choose v."""
+"""Number of latest rounds whose columns serve to choose v."""
 
 BASE_RIM = 16
-"""Places on the rim of the reachable set that every round uses, with a silent jammer."""
+"""Number of places on the rim of the reachable set that every round uses, without jamming."""
 
-FRESH, OLD = 5, 15
-"""Columns that a round improves by a compass search, and earlier ones that it keeps."""
+FRESH = 5
+"""Number of columns that a round improves by a compass search."""
+
+OLD = 15
+"""Number of columns improved in earlier rounds that a round keeps."""
 
 SILENT = 24
-"""Latest silent places that are kept beside the fixed ones."""
+"""Number of latest silent places that are kept beside the fixed ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +58,9 @@ class Columns:
     Places and powers of one UAV in every group.
 
     :param place: (G, C, 2) in units.
-    :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
-    :param ground: factor of w0, (G, C) in nats.
-    :param leaks: factors of v, (G, C, E) in nats.
+    :param power: (G, C) in W; 0 for the transmitter, whose best power has a closed form.
+    :param ground: factor of w0 in the column's value, (G, C) in nats.
+    :param leaks: factors of v in the column's value, (G, C, E) in nats.
     """
 
     place: Array
@@ -76,14 +85,14 @@ class Columns:
             len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1))
 
     def take(self, index: NDArray[np.intp]) -> Columns:
-        """Return the columns with the given indices of every group, (G, C')."""
+        """Return the columns with given indices in every group, (G, C')."""
         row = np.arange(len(index))[:, None]
         return Columns(self.place[row, index], self.power[row, index],
                        self.ground[row, index], self.leaks[row, index])
 
     @staticmethod
     def concatenate(parts: list[Columns]) -> Columns:
-        """Return all columns of several lists."""
+        """Return the columns of several Columns in one."""
         return Columns(*(np.concatenate([getattr(part, name) for part in parts], 1)
                          for name in ('place', 'power', 'ground', 'leaks')))
 
@@ -104,7 +113,13 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
 
 
 def sample_powers(region: ReachableSet, power: Array) -> Array:
-    """Return powers of a jammer around a plan's, (G,), and up to the peak, (G, 13)."""
+    """
+    Return 13 powers of a jammer for every group, (G, 13) in W.
+
+    They are 0, seven powers around a plan's powers, and five powers up to the peak.
+
+    :param power: jamming powers of the plan, (G,) in W.
+    """
     about = np.clip(power, 1e-6 * region.peak, region.peak)[:, None]
     return np.asarray(np.minimum(np.concatenate([
         np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),
@@ -114,16 +129,16 @@ def sample_powers(region: ReachableSet, power: Array) -> Array:
 
 class ColumnPool:
     """
-    The columns of one UAV: fixed ones, those of the latest rounds, and places of silence.
+    The columns of one UAV: fixed columns, the columns of the latest rounds, and silent places.
 
-    :param region: of the UAV.
-    :param places: around which columns lie, (G, 2) in units.
-    :param powers: likewise, (G,) in W.
+    :param region: reachable sets of the UAV.
+    :param places: places of a plan, which become columns, (G, 2) in units.
+    :param powers: powers of the plan, around which a jammer's powers lie, (G,) in W.
     """
 
     def __init__(self, region: ReachableSet, places: Array, powers: Array) -> None:
         self.region, count = region, len(places)
-        # The places nearest to the receivers, too.
+        # The places of the reachable set nearest to the receivers are candidates as well.
         receivers = np.concatenate([region.ground[None], region.eavesdroppers])
         nearest = region.clip(np.broadcast_to(receivers, (count, *receivers.shape)),
                               np.arange(count)[:, None])
@@ -144,28 +159,28 @@ class ColumnPool:
 
     @property
     def latest(self) -> Columns:
-        """Return the columns of the latest round, with those that every round uses."""
+        """Return the columns of the latest round and the columns that every round uses."""
         return Columns.concatenate([self._base, self._rounds[-1]])
 
     @property
     def candidates(self) -> Columns:
-        """Return the columns of the latest rounds and those of the grid, which choose v."""
+        """Return the columns by which v is chosen: of all kept rounds and of the whole grid."""
         return Columns.concatenate([self._base, *self._rounds, self._table])
 
     @property
     def silent(self) -> Columns:
-        """Return the columns of silence."""
+        """Return the columns of silent places, at which no UAV sends."""
         place = self._silent_places
         none = np.zeros(place.shape[:2])
         return Columns(place, none, none, np.zeros((*none.shape, len(self.region.radii))))
 
     def add_round(self, evaluate: Callable[[Columns], Array]) -> None:
         """
-        Add the best columns for the present multipliers, some of them improved.
+        Add the best columns for the present multipliers, and improve some by a compass search.
 
-        :param evaluate: the values of columns, (G, C) in nats, for w0 and v of the search.
+        :param evaluate: returns the values of columns, (G, C) in nats, at the search's w0 and v.
         """
-        # A UAV may best be silent in a slot in which the rest of the team sends.
+        # A UAV may best be silent in a slot in which the other UAV sends.
         places = self._silent_places
         silent = Columns.of(self.region, places, np.zeros(places.shape[:2]))
         pool = Columns.concatenate([self._table, silent, *self._improved])
@@ -183,9 +198,9 @@ class ColumnPool:
 
     def _select_powers(self, value: Array) -> NDArray[np.intp]:
         """
-        Return the indices of a pool's columns, of each place of the table only the best power.
+        Return the indices of a pool's columns with only the best power at each of the K places.
 
-        :param value: of all columns, those of the table first, (G, K P + others).
+        :param value: values of the table's K P columns, then of other columns, (G, K P + others).
         """
         count, table = self._grid.shape[1], self._table.power.shape[1]
         powers = table // count
@@ -196,10 +211,10 @@ class ColumnPool:
 
     def add_silent_places(self, slope: Array | None, evaluate: Callable[[Columns], Array]) -> None:
         """
-        Add the best places of silence for the present multipliers; the oldest ones go.
+        Add the best silent places for the present multipliers, and drop the oldest added ones.
 
-        :param slope: of a potential that is linear, (G, 2), or None.
-        :param evaluate: the values of columns, (G, C) in nats, in silence.
+        :param slope: slope of a linear potential, (G, 2), whose best place has a formula; or None.
+        :param evaluate: returns the values of silent columns, (G, C) in nats.
         """
         region, place = self.region, self._silent_places
         if slope is not None:
@@ -213,7 +228,7 @@ class ColumnPool:
         self._silent_places = np.concatenate([place[:, :fixed], latest], 1)
 
     def _improve(self, start: Columns, evaluate: Callable[[Columns], Array]) -> Columns:
-        """Return the columns that a compass search reaches from given ones."""
+        """Return the columns that a compass search reaches from the columns `start`."""
         region = self.region
         count, many = start.power.shape
         low, high = region.bounding_box
@@ -239,7 +254,7 @@ class ColumnPool:
 
 
 def _select_distinct(region: ReachableSet, pool: Columns, value: Array) -> NDArray[np.intp]:
-    """Return the indices of the best columns at distinct places, (G, FRESH)."""
+    """Return the indices of the FRESH best columns at places far from each other, (G, FRESH)."""
     low, high = region.bounding_box
     far = ((high - low).max(1) / 8)[:, None]
     value = value.copy()
@@ -256,10 +271,11 @@ def _select_distinct(region: ReachableSet, pool: Columns, value: Array) -> NDArr
 def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
                  v: Array, tau: float = 1e-9) -> dict[str, Any]:
     """
-    Return the kernel's arguments: columns of a UAV, its potential, and w0 and v.
+    Return the kernel's arguments: columns of a UAV, its potential, w0 and v.
 
     :param weight: w0, (G,).
     :param v: eavesdropper multipliers, (G, E).
+    :param tau: temperature [nats].
     """
     potentials, layout = point.potentials[:, uav], point.layout
     arrays = {

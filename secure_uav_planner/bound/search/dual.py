@@ -25,11 +25,17 @@ from ..proof.reachable_set import Team
 from ...mission.validation import Array
 from ...model.kernel import core
 
-V_BARRIER, SLACK_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
-"""Barriers of v, times tau, of w0 - s, and of lam, in nats."""
+V_BARRIER = 0.3
+"""Weight of the barrier -log v, in units of the temperature tau."""
+
+SLACK_BARRIER = 1e-6
+"""Weight [nats] of the barrier -log(w0 - s)."""
+
+PRICE_BARRIER = 1e-7
+"""Weight [nats] of the barrier -log lam."""
 
 SMOOTHING = 0.3
-"""Smoothing of the largest eigenvalue of S, in nats per unit^2."""
+"""Smoothing width of the largest eigenvalue of S [nats per unit^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +44,13 @@ class ArrowSystem:
     Gradient and Hessian of the dual function in blocks, F unknowns for each slot group.
 
     :param potential: layout of the potentials.
-    :param layout: of the unknowns of a group; neighbouring groups have an edge in common.
+    :param layout: layout of a group's unknowns; neighbouring groups have an edge in common.
     :param group: gradient of the groups' terms, (G, F).
-    :param groups: their Hessians, (G, F, F).
+    :param groups: Hessians of the groups' terms, (G, F, F).
     :param edge: gradient of the edges' own terms, (G + 1, U P).
-    :param edges: their Hessians, (G + 1, U P, U P).
+    :param edges: Hessians of the edges' own terms, (G + 1, U P, U P).
     :param price: gradient of the prices' own terms, (U,).
-    :param prices: the diagonal of their Hessian, (U,).
+    :param prices: diagonal of the Hessian of the prices' own terms, (U,).
     :param sharpness: number of slots of a group, divided by the temperature, (G,).
     """
 
@@ -59,7 +65,7 @@ class ArrowSystem:
     sharpness: Array
 
     def slope(self, step: DualPoint) -> float:
-        """Return the derivative along a step."""
+        """Return the derivative of the dual function along a step."""
         x = step.potentials.reshape(self.edge.shape)
         local = np.concatenate([x[:-1], step.v, x[1:], np.broadcast_to(
             step.prices, (len(step.v), len(step.prices)))], 1)
@@ -70,12 +76,14 @@ class ArrowSystem:
         """
         Return the damped Newton step.
 
-        If a single column is far better than the rest, the function is linear near the point, and
-        a full step would leave that neighbourhood. `damping` stands for a variance of the columns
-        of a group in units^2: it limits changes of the potentials from edge to edge, and of those
-        at both ends. The diagonal of v and of the prices is raised by it as a share.
+        If a single column is far better than the others, the function is linear near the point,
+        and a full step would leave the neighbourhood in which it is linear. Damping acts as an
+        additional variance of the columns of a group: it limits how much the potentials change
+        from edge to edge and at both ends. It also raises the diagonals of v and of the prices by
+        a fraction.
 
-        :raises numpy.linalg.LinAlgError: where the Hessian is not positive definite.
+        :param damping: the variance [units^2] and the fraction.
+        :raises numpy.linalg.LinAlgError: if the Hessian is not positive definite.
         """
         groups, edges = self._damp(damping)
         factor = scipy.linalg.cholesky_banded(
@@ -103,7 +111,7 @@ class ArrowSystem:
         return groups, edges
 
     def _assemble_band(self, groups: Array, edges: Array) -> Array:
-        """Return the lower diagonals of the band, in which an edge and v make a block of rows."""
+        """Return the band's lower diagonals; an edge and the next group's v form a block."""
         (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
             self.layout.after.start)
         band = np.zeros((count, shift, size))
@@ -117,7 +125,7 @@ class ArrowSystem:
         return np.asarray(band.reshape(-1, size).T)
 
     def _assemble_border(self, groups: Array) -> Array:
-        """Return the columns of the prices beside the band, and the gradient as the last one."""
+        """Return the prices' columns beside the band, and the gradient as the last column."""
         (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
             self.layout.after.start)
         border = np.zeros((count, shift, len(self.price) + 1))
@@ -131,9 +139,9 @@ class ArrowSystem:
     def _eliminate_border(self, groups: Array, border: Array, answer: Array, damping: float
                           ) -> Array:
         """
-        Return the step of the prices, (U,).
+        Return the step of the prices, (U,), by the Schur complement of the band.
 
-        :param answer: the inverse of the band times the border.
+        :param answer: inverse of the band times the border.
         """
         price = self.layout.prices
         corner = np.diag(self.prices) + groups[:, price, price].sum(0) - (
@@ -148,10 +156,10 @@ class EdgeTerms:
     The terms of the dual function at the edges and at both ends, with derivatives.
 
     :param x: potentials, (G + 1, U, P).
-    :param tau: temperature in nats.
-    :ivar value: the sum of the terms.
-    :ivar gradient: by potentials, (G + 1, U, P).
-    :ivar hessian: (G + 1, U, P, U, P).
+    :param tau: temperature [nats].
+    :ivar value: sum of the terms that were added.
+    :ivar gradient: derivatives of the sum by the potentials, (G + 1, U, P).
+    :ivar hessian: second derivatives at each edge, (G + 1, U, P, U, P).
     """
 
     def __init__(self, x: Array, tau: float) -> None:
@@ -165,7 +173,7 @@ class EdgeTerms:
         self.gradient[edge, uav, part] += slope
 
     def add_lengths(self, uav: int, parts: list[slice], factor: Array, step: float) -> None:
-        """Add factor |x|, smoothed, of the sum x of two-dimensional parts, at every edge."""
+        """Add factor times the smoothed length of the sum of two-vector parts, at every edge."""
         vector = np.sum([self._x[:, uav, part] for part in parts], 0)
         delta = self._tau / step
         norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
@@ -179,7 +187,7 @@ class EdgeTerms:
         self.value += float(factor @ norm)
 
     def add_eigenvalues(self, uav: int, part: slice, factor: Array) -> None:
-        """Add factor times the positive part of the largest eigenvalue of S, at every edge."""
+        """Add factor times the smoothed max(0, largest eigenvalue of S), at every edge."""
         largest, slope, second = _smooth_largest_eigenvalue(self._x[:, uav, part])
         self.value += float(factor @ largest)
         self.gradient[:, uav, part] += factor[:, None] * slope
@@ -197,9 +205,9 @@ class Dual:
 
     :param team: the UAVs.
     :param weight: w0 of the branch in which the transmitter sends, (G,).
-    :param columns: of every UAV in that branch.
-    :param silent: of every UAV in the branch of silence.
-    :param tau: temperature of every smoothed maximum, in nats.
+    :param columns: columns of each UAV in the branch in which the transmitter sends.
+    :param silent: columns of each UAV in the branch of silence.
+    :param tau: temperature of every smoothed maximum [nats].
     """
 
     def __init__(self, team: Team, weight: Array, columns: list[Columns],
@@ -208,7 +216,7 @@ class Dual:
         self.columns, self.silent = columns, silent
         self.count = team.groups.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
-        # The number of slots that an edge counts for, and one more at the start.
+        # The weight of each edge: a number of slots, and one more at the start.
         before, after = team.groups.means
         self.edge = np.zeros(len(self.count) + 1)
         self.edge[:-1] += self.count * before
@@ -216,11 +224,11 @@ class Dual:
         self.edge[0] += 1
 
     def slack(self, v: Array) -> Array:
-        """Return w0 - s, (G,)."""
+        """Return the slack w0 - sum of v, (G,)."""
         return np.asarray(self.weight - v.sum(-1))
 
     def value(self, point: DualPoint) -> float:
-        """Return the dual function, N times a rate in nats."""
+        """Return the dual function: N times an estimate of the bound, in nats."""
         return self._evaluate(point, False)[0]
 
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
@@ -250,7 +258,7 @@ class Dual:
             self.count / self.tau)
 
     def _edges(self, point: DualPoint) -> EdgeTerms:
-        """Return the terms at the edges and the ends."""
+        """Return the terms of speed, acceleration and curvature at the edges and both ends."""
         layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
         at_start, at_goal = np.eye(len(self.edge))[0], np.eye(len(self.edge))[-1]
         for i, region in enumerate(self.team.regions):
@@ -293,7 +301,7 @@ class Dual:
         """
         Return values (2, G), gradients (2, G, F) and Hessians (2, G, F, F) of both branches.
 
-        The first is the one of w0, the second silence. Derivatives are empty unless `second`.
+        The first branch has w0, the second is silence. Derivatives are empty unless `second`.
         """
         (g, e), layout, size = point.v.shape, point.group_layout, point.group_layout.prices.stop
         values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)

@@ -1,8 +1,8 @@
 """
 The search for multipliers: Newton steps on columns at falling temperatures.
 
-The dual function has one breakpoint of w0 in every group; the certificate's multipliers are then
-made for several, each with its own v.
+The dual function has one breakpoint of w0 in every group. The certificate's multipliers are then
+made for several breakpoints, each with its own v.
 """
 
 from __future__ import annotations
@@ -25,22 +25,28 @@ from ...model.kernel import core
 from ...optimize.deadline import DeadlineCheck
 
 AUDIBLE = 1e-3
-"""Share of the average power above which a slot counts as one with a transmission."""
+"""Fraction of the average power above which a slot has a transmission."""
 
-FIRST_PRICE, JAMMER_PRICE = 1e-2, 1e-5
-"""First prices of power in nats per W, that of the transmitter where a plan never sends."""
+FIRST_PRICE = 1e-2
+"""First price of the transmitter's power [nats per W] if the plan never sends."""
 
-LEAST_LEAK, LEAST_SHARE = 0.05, 0.02
-"""Least sum of the first v, and what is added to the share of every place of an eavesdropper."""
+JAMMER_PRICE = 1e-5
+"""First price of a jammer's power [nats per W]."""
+
+LEAST_LEAK = 0.05
+"""Least sum of the first v."""
+
+LEAST_SHARE = 0.02
+"""Number added to the share of every eavesdropper's place in the first v."""
 
 SHARPNESS = 8.0
-"""Power of the SINRs to which places of one listener share its first v."""
+"""Exponent of the SINR in the shares of one listener's places in the first v."""
 
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
-"""Breakpoints w0 of the certificate; the w0 of the search is added to them."""
+"""Breakpoints w0 of the certificate in every group, besides the w0 of the search."""
 
 
 class MultiplierSearch:
@@ -48,10 +54,10 @@ class MultiplierSearch:
     The state of a search for the multipliers of a team.
 
     :param team: the UAVs.
-    :param positions: of a plan, (U, N + 2, 2) in m, around which columns lie.
-    :param powers: likewise, (U, N) in W; in silent groups those of the nearest group with a
-        transmission.
-    :param raise_if_over: called before every Newton step; what it raises ends the search.
+    :param positions: positions of a plan, (U, N + 2, 2) in m, around which columns lie.
+    :param powers: powers of the plan, (U, N) in W. A group without a transmission takes the
+        powers of the nearest group with one.
+    :param raise_if_over: called before every Newton step; an error that it raises ends the search.
     :ivar weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
     :ivar point: the present multipliers.
     """
@@ -97,8 +103,8 @@ class MultiplierSearch:
         """
         Return the values of a UAV's columns with the present multipliers, (G, C) in nats.
 
-        :param weight: w0, (G,); 0 by default, for silence.
-        :param v: (G, E), alike.
+        :param weight: w0, (G,); by default 0, the branch of silence.
+        :param v: eavesdropper multipliers, (G, E); by default 0, the branch of silence.
         """
         if weight is None or v is None:
             weight, v = np.zeros(len(columns.ground)), np.zeros(columns.leaks.shape[::2])
@@ -108,7 +114,7 @@ class MultiplierSearch:
         return values
 
     def dual(self, tau: float) -> Dual:
-        """Return the dual function on the best columns for the present multipliers."""
+        """Add a round of columns, and return the dual function on the best columns."""
         slopes = np.diff(self.point.potentials[..., self.point.layout.slope], axis=0)
         for i, pool in enumerate(self.pools):
             pool.add_round(partial(self.evaluate, i, weight=self.weight, v=self.point.v))
@@ -118,7 +124,7 @@ class MultiplierSearch:
                     [pool.silent for pool in self.pools], tau)
 
     def add_quadratic_part(self) -> None:
-        """Make the potentials quadratic, with S = 0."""
+        """Make the potentials quadratic, beginning with S = 0."""
         self.point = replace(
             self.point, layout=PotentialLayout.of(True, self.team.accelerates),
             potentials=np.insert(self.point.potentials, [2, 2, 2], 0.0, 2))
@@ -129,7 +135,7 @@ class MultiplierSearch:
                          self.team.regions[uav])
 
     def minimise(self, tau: float, iterations: int) -> None:
-        """Take Newton steps at a temperature on the best columns."""
+        """Take at most `iterations` Newton steps at a temperature `tau` [nats] on new columns."""
         dual = self.dual(tau)
         for _ in range(iterations):
             self.raise_if_over()
@@ -168,11 +174,11 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     """
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
-    They are those of lemma 1 at the places and powers of the plan, w0 = phi'(z0) and v of the
-    loudest eavesdroppers. Measured: with v in equal shares instead, bounds of missions with
-    several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
+    w0 = phi'(z0) and v are the values of lemma 1 at the places and powers of the plan. The loudest
+    places get most of v. Measured: with v in equal shares, bounds of missions with several
+    eavesdroppers are up to 2.8% above the plan instead of 0.1%.
 
-    :param places: of every UAV in its frame, (G, 2) each.
+    :param places: places of each UAV in its frame, (G, 2) in units.
     :param watts: powers of the UAVs, (U, G), above 0 for the transmitter.
     """
     ground, leaks = [], []
@@ -210,7 +216,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
                       axis=0)[:, cells.group]
     v, incumbents, _ = bounds.minimise(weights, cells)
     potentials = tuple(map(search.potential, uavs))
-    # The part of the potentials that the columns' values leave out.
+    # The columns' values leave this part of the potentials out.
     constant = np.array([
         potential.constant() if potential.is_quadratic else potential.acceleration_cost()
         for potential in potentials])[:, cells.group]

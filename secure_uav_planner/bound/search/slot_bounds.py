@@ -1,9 +1,10 @@
 """
 The bounds of slots on columns at given w0, minimised over v; and where cells make them closer.
 
-A slot's bound is the certificate's B without H(w0), with maxima over columns. On too few columns v
-exploits what is missing in them, so all columns of a pool count. Measured: with the columns of the
-latest rounds alone, a mission with one jammer is 5.7% above its plan instead of 4.1%.
+A slot's bound is the certificate's B without H(w0), with maxima over columns. Over too few columns
+the minimum would choose a v that is bad at missing places, so all columns of a pool are used.
+Measured: with the columns of the latest rounds alone, the bound of a mission with one jammer is
+5.7% above its plan instead of 4.1%.
 """
 
 import numpy as np
@@ -14,16 +15,18 @@ from ...mission.validation import Array
 from ...model.kernel import core
 
 LEAST_GAIN = 2e-3
-"""Reduction in nats of a slot's bound for which its reachable set is divided into cells."""
+"""Least reduction [nats] of a slot's bound for which its reachable set is divided into cells."""
 
 
 class SlotBounds:
     """
     Bounds of all slots on columns.
 
+    They estimate the certificate's bounds from below and prove nothing.
+
     :param team: the UAVs.
-    :param columns: of every UAV, with their values without w0 and v, (G, C) in nats.
-    :param price: lam of the transmitter in nats per W.
+    :param columns: columns of each UAV, and their values without w0 and v, (G, C) in nats.
+    :param price: lam of the transmitter [nats per W].
     :param ratio: v / w0 where each search for v begins, (G, E).
     """
 
@@ -38,10 +41,11 @@ class SlotBounds:
 
     def minimise(self, weights: Array, cells: Cells) -> tuple[Array, Array, Array]:
         """
-        Return v (K, C, E), the UAVs' terms there (U, K, C), and the minima nearly, (K, C).
+        Minimise the bounds over v approximately.
 
         :param weights: w0, (K, C).
-        :param cells: of the last UAV, (C,).
+        :param cells: C cells of the last UAV.
+        :return: v (K, C, E), the UAVs' terms at v (U, K, C), and the bounds at v (K, C), in nats.
         """
         v = self._ratio[cells.group] * weights[..., None]
         terms, bounds = np.empty((len(self._columns), *weights.shape)), np.empty(weights.shape)

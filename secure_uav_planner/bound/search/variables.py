@@ -14,11 +14,11 @@ from ...mission.validation import Array
 
 class PotentialLayout(NamedTuple):
     """
-    Where the parts of a UAV's potential are among its P numbers at an edge; the kernel reads it.
+    The slices of u, S and w in the P numbers of a UAV's potential at an edge; the kernel reads it.
 
-    :param slope: u.
-    :param curvature: S; empty where potentials are linear.
-    :param acceleration: w; empty where no UAV has a limit of acceleration.
+    :param slope: slice of u.
+    :param curvature: slice of S; empty if potentials are linear.
+    :param acceleration: slice of w; empty if no UAV has a limit of acceleration.
     """
 
     slope: slice
@@ -27,21 +27,21 @@ class PotentialLayout(NamedTuple):
 
     @classmethod
     def of(cls, quadratic: bool, accelerates: bool) -> PotentialLayout:
-        """Return the layout with S, and with w."""
+        """Return the layout with S if `quadratic`, and with w if `accelerates`."""
         return cls(*_lay_out(2, 3 if quadratic else 0, 2 if accelerates else 0))
 
     @property
     def quadratic(self) -> bool:
-        """Return True with S."""
+        """Return True if the layout has S."""
         return bool(self.curvature.stop > self.curvature.start)
 
     @property
     def accelerates(self) -> bool:
-        """Return True with w."""
+        """Return True if the layout has w."""
         return bool(self.acceleration.stop > self.acceleration.start)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return u, S and w of potentials (..., P), zeros for those that they do not have."""
+        """Return u, S and w of potentials (..., P), with zeros for parts that the layout lacks."""
         zeros = np.zeros(x.shape[:-1] + (3,))
         return (x[..., self.slope], x[..., self.curvature] if self.quadratic else zeros,
                 x[..., self.acceleration] if self.accelerates else zeros[..., :2])
@@ -49,12 +49,12 @@ class PotentialLayout(NamedTuple):
 
 class GroupLayout(NamedTuple):
     """
-    Where the parts of a slot group's F unknowns are.
+    The slices of the parts of a slot group's F unknowns.
 
-    :param before: potentials of all UAVs at the edge before the group.
-    :param v: eavesdropper multipliers.
-    :param after: potentials at the edge after it.
-    :param prices: lam.
+    :param before: slice of the potentials of all UAVs at the edge before the group.
+    :param v: slice of the eavesdropper multipliers.
+    :param after: slice of the potentials of all UAVs at the edge after the group.
+    :param prices: slice of the prices lam.
     """
 
     before: slice
@@ -63,7 +63,7 @@ class GroupLayout(NamedTuple):
     prices: slice
 
     def select_uav(self, i: int) -> NDArray[np.intp]:
-        """Return the indices of v, and of a UAV's potentials at both edges and its price."""
+        """Return the indices of v, and of UAV i's potentials at both edges and its price."""
         size = self.before.stop // (self.prices.stop - self.prices.start)
         own = i * size + np.arange(size)
         return np.r_[self.v, own, self.after.start + own,
@@ -81,8 +81,8 @@ class DualPoint:
     """
     The unknowns of the dual function.
 
-    :param layout: of the potentials.
-    :param potentials: at every edge, (G + 1, U, P).
+    :param layout: layout of the potentials.
+    :param potentials: potentials of the UAVs at every edge, (G + 1, U, P).
     :param v: eavesdropper multipliers, (G, E).
     :param prices: lam, (U,).
     """
@@ -100,12 +100,18 @@ class DualPoint:
             potentials, self.v.shape[1], potentials, len(self.prices)))
 
     def move(self, step: DualPoint, length: float) -> DualPoint:
-        """Return this point moved along a step."""
+        """Return this point moved along a step times a length."""
         return DualPoint(self.layout, self.potentials + length * step.potentials,
                          self.v + length * step.v, self.prices + length * step.prices)
 
     def shorten(self, point: DualPoint, slack: Array) -> DualPoint:
-        """Return this step, shortened so that every slot's v, slack and prices stay positive."""
+        """
+        Return this step, shortened so that v, slack and prices stay positive.
+
+        v is shortened in each group alone, and each price alone.
+
+        :param slack: w0 minus the sum of v at the point, (G,).
+        """
         with np.errstate(divide='ignore', invalid='ignore'):
             total = -self.v.sum(-1)
             most = np.minimum(

@@ -74,13 +74,13 @@ def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
     """
     Return the kernel's form of the energy at a price, by Simpson's rule in each slot.
 
-    It only leads the search: in slots of 4 s it may be 0.4% off what the limit counts.
+    It only leads the search: in slots of 4 s it may differ by 0.4% from the energy that
+    max_energy limits. The velocity of a slot changes from the move before its point to the move
+    after its point, and is the mean of both moves in its middle.
 
-    Slots begin and end with moves of the path, and in their middle have the mean of both.
-
-    :param prices: in nats per J, (U,); 0 for a UAV without a propulsion.
+    :param prices: price of each UAV's energy, (U,) in nats per J; 0 without a propulsion.
     """
-    unit = (grid.length / grid.slot_duration)**2  # Of squared speeds.
+    unit = (grid.length / grid.slot_duration)**2  # The unit of squared speeds.
     terms = np.zeros((len(prices), 4))
     for index, (uav, price) in enumerate(zip(grid.scenario.uavs, prices, strict=True)):
         wing = uav.propulsion
@@ -90,8 +90,9 @@ def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
                 wing.drag * unit**1.5])
             terms[index, 2] = unit / (2 * wing.induced_velocity**2)
     uavs, slots = len(prices), grid.slots
-    # The points between which each of S moves is, the share of it that counts, and its weight:
-    # those of the path, those in the middle of slots, and the first and the last half move.
+    # Each of S moves is share * (end - begin) plus a constant, and has a weight of Simpson's rule.
+    # First come the moves of the path, then the mean moves in the middle of slots, then the mean
+    # moves at both ends.
     begin = np.concatenate([np.arange(slots + 1), np.arange(slots), [0, slots]])
     end = np.concatenate([np.arange(1, slots + 2), np.arange(2, slots + 2), [1, slots + 1]])
     share = np.tile(np.repeat([1.0, 0.5], [slots + 1, slots + 2]), (uavs, 1))
