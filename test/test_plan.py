@@ -14,7 +14,6 @@ from secure_uav_planner import (
     Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
 from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.model import channel
-from secure_uav_planner.output.page import draw_page
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
@@ -285,10 +284,6 @@ def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
     assert '8 of 10 slots promised' in rate_table([plan])
     assert any('8 of 10 slots promised' in text.get_text() for text in draw_plan(plan).texts)
     assert f'{plan.promise.rate:.4f} bit/s/Hz in 8 of 10 slots promised' in repr(plan)
-    page = draw_page(plan)
-    assert '8 of 10 slots promised' in page.layout.title.text
-    assert {(shape.x0, shape.x1) for shape in page.layout.shapes if shape.type == 'rect'} == {
-        (30.0, 50.0)}
 
 
 @given(scenarios(), st.data())

@@ -13,6 +13,7 @@ from secure_uav_planner.output.figures import draw_assessment
 from secure_uav_planner.output.page import draw_page
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import assessment_table, rate_table
+from test_plan import gap_plan
 
 CHANNELS = {
     'guaranteed': Channel(), 'at mean gains': Channel(los='urban'),
@@ -31,6 +32,14 @@ def has_words(promise, text):
     text = ' '.join(text.replace('<br>', ' ').split())
     return promise in text and ('mean gains of' in text) == ('gains of' in promise) and (
         'guaranteed' in text.replace('not guaranteed', '')) == (promise == 'guaranteed')
+
+
+def test_the_page_marks_the_slots_in_a_gap_between_promises():
+    _, plan = gap_plan()
+    page = draw_page(plan)
+    assert '8 of 10 slots promised' in page.layout.title.text
+    assert {(shape.x0, shape.x1) for shape in page.layout.shapes if shape.type == 'rect'} == {
+        (30.0, 50.0)}
 
 
 def test_a_channel_promises_with_an_outage_as_in_free_space():
