@@ -392,7 +392,7 @@ def list_parsers():
 
 
 def test_the_reference_has_each_part_option_and_status_of_the_command():
-    text = (ROOT / 'docs' / 'reference.md').read_text()
+    text = (ROOT / 'docs' / 'command.md').read_text()
     section = text.split('\n## Command\n')[1].split('\n## ')[0]
     for name, parser in list_parsers().items():
         assert f'| `{name}' in section, name

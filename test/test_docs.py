@@ -330,7 +330,7 @@ def test_each_name_in_the_prose_exists(page, interfaces):
 def test_the_plan_file_has_the_fields_of_the_reference(tmp_path):
     plan = secure_uav_planner.fly_hover_fly(Scenario.paper(120.0, slots=10))
     plan.save(tmp_path / 'plan.json')
-    section = (ROOT / 'docs' / 'reference.md').read_text().split('## Plan file')[1].split('## ')[0]
+    section = (ROOT / 'docs' / 'command.md').read_text().split('## Plan file')[1].split('## ')[0]
     rows = re.findall(r'^\| (`.*?) \|', section, re.MULTILINE)
     documented = {name for row in rows for name in re.findall('`(.*?)`', row)}
     assert documented == set(yaml.safe_load((tmp_path / 'plan.json').read_text()))

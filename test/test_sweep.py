@@ -365,7 +365,7 @@ def test_the_example_for_slurm_runs_on_a_cluster_of_processes(folder, monkeypatc
         def scale(self, n=2, jobs=None):
             super().scale(n)
     monkeypatch.setitem(sys.modules, 'dask_jobqueue', SimpleNamespace(SLURMCluster=Cluster))
-    page = (Path(__file__).parents[1] / 'docs' / 'reference.md').read_text()
+    page = (Path(__file__).parents[1] / 'docs' / 'command.md').read_text()
     [code] = re.findall('```python\n(from dask_jobqueue.*?)```', page, re.DOTALL)
     assert len(code.splitlines()) == 6
     names = {}
