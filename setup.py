@@ -57,7 +57,7 @@ campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(include=[f'{package_name}*']),
     package_data={
         package_name: ['py.typed'],
