@@ -11,7 +11,6 @@ from dataclasses import replace
 import pathlib
 import sys
 
-from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve
 from secure_uav_planner.bound import explain_refusal, upper_bound
@@ -21,6 +20,7 @@ from secure_uav_planner.output.page import save_page
 from secure_uav_planner.output.picture import save_picture
 from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.ros.client import isolated, node_process, SecurePlanner
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.recording import record
 
 _MISSIONS = pathlib.Path(__file__).parents[1] / 'config'
@@ -102,16 +102,14 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str 
         print('planning ...', flush=True)
         plan = client.plan()
         print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
-        client.wait_until(lambda: client.status.get('track.state') == 'ended',
-                          'the end of the replay')
+        client.wait_until(lambda: client.status.track.state == 'ended', 'the end of the replay')
     return plan
 
 
-def _print_progress(message: DiagnosticStatus) -> None:
-    status = {entry.key: entry.value for entry in message.values}
-    if 'progress.iteration' in status:
-        print(f'  iteration {status["progress.iteration"]:>3}  '
-              f'{status["progress.rate"]} bit/s/Hz', flush=True)
+def _print_progress(status: PlannerStatus) -> None:
+    progress = status.progress
+    if progress.step:
+        print(f'  iteration {progress.iteration:>3}  {progress.rate:.4f} bit/s/Hz', flush=True)
 
 
 if __name__ == '__main__':

@@ -28,6 +28,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.time import Time
 from secure_uav_planner.ros.client import make_clients, SecurePlanner
 from secure_uav_planner.ros.parameters import PLANNER, PLANNER_MEMBERS, read_member_specs
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.process import run_node, spin
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
@@ -231,7 +232,7 @@ class Client:
     localisation would, so that they are not too old when a busy machine processes them. That ends
     when a node ends that was running when they were sent.
 
-    :ivar statuses: of the planner, the newest last.
+    :ivar statuses: each PlannerStatus that has come, the newest last.
     """
 
     def __init__(self, namespace=''):
@@ -251,8 +252,12 @@ class Client:
 
     @property
     def status(self):
-        """Return the values of the planner's last status by key."""
+        """Return the planner's last status."""
         return self._planner.status
+
+    def forget_status(self):
+        """Wait anew for what the status says."""
+        self._planner.status = PlannerStatus()
 
     @property
     def last_plan(self):
@@ -283,9 +288,9 @@ class Client:
         flown = []  # The plan in flight, or the first: its stamp and its identity.
 
         def report():
-            clock, values = now(), self.status
-            if 'plan.identity' in values:
-                newest = float(values['plan.stamp']), values['plan.identity']
+            clock, plan = now(), self.status.plan
+            if plan.identity:
+                newest = plan.stamp, plan.identity
                 if not flown or newest[0] <= clock:
                     flown[:] = newest
             if flown:
@@ -333,7 +338,7 @@ class Client:
         def is_known():
             publish()
             time.sleep(0.1)
-            return self.status.get(f'pose_age.{topic}', 'none') != 'none'
+            return self.status.has_pose(topic)
         wait_for(is_known, what=f'the pose of {topic}')
         if stamp is None:
             self._poses[topic] = publish, _running()
@@ -345,7 +350,7 @@ class Client:
         def is_known():
             publisher.publish(odometry_message(x, y, velocity, stamp=self.now(), **options))
             time.sleep(0.1)
-            return self.status.get(f'pose_age.{topic}', 'none') != 'none'
+            return self.status.has_pose(topic)
         wait_for(is_known, what=f'the odometry of {topic}')
 
     def now(self):

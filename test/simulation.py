@@ -8,10 +8,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_client import places_of, stamp_at, values_of
+from ros_client import places_of, stamp_at
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import Plan
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from std_msgs.msg import Float64MultiArray
 
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -80,7 +81,8 @@ class Simulation(SimulatedTime):
             lambda message: self._received.extend(message.status), 10)
 
     def _go_on(self):
-        if not self._received or values_of(self._received[-1])['state'] == 'idle':
+        if not self._received or PlannerStatus.from_message(
+                self._received[-1]).state == 'idle':
             super()._go_on()
             self._advance(self.now)
 

@@ -14,6 +14,7 @@ from secure_uav_planner import fly_hover_fly, GroundNode, Plan, Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.topics import LATCHED, REQUESTS
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -36,9 +37,9 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
     planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
     planner.node.destroy_publisher(stranger)
     plan = planner.plan()
-    wait_for(lambda: planner.status.get('plan.identity') == plan.identity)
+    wait_for(lambda: planner.status.plan.identity == plan.identity)
     assert plan.guaranteed_rate == pytest.approx(
-        float(planner.status['plan.guaranteed_rate']), rel=1e-5)
+        planner.status.plan.guaranteed_rate, rel=1e-5)
     assert planner.plan() is planner.last_plan is not plan
 
     def has_moved():
@@ -88,7 +89,7 @@ def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():
         planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
 
         def cancel():
-            planner.wait_until(lambda: planner.status.get('state') == 'solving')
+            planner.wait_until(lambda: planner.status.state == 'solving')
             planner.cancel()
         thread = threading.Thread(target=cancel)
         thread.start()
@@ -97,7 +98,7 @@ def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():
         thread.join()
         with pytest.raises(TimeoutError, match='planner/plan did not .* within 0.5 s'):
             planner.plan(timeout=0.5)
-        wait_for(lambda: planner.status['state'] == 'idle', what='the end of the solve')
+        wait_for(lambda: planner.status.state == 'idle', what='the end of the solve')
 
 
 def test_a_deadline_holds_where_no_planner_is_and_names_what_is_missing():
@@ -114,14 +115,14 @@ def test_a_planner_that_is_killed_in_a_solve_ends_the_call_at_its_deadline_and_n
         with node_process('planner', duration=900.0, slots=20000, time_limit=0.0) as process:
             planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
             killer = threading.Thread(target=lambda: (
-                planner.wait_until(lambda: planner.status.get('state') == 'solving'),
+                planner.wait_until(lambda: planner.status.state == 'solving'),
                 process.kill()))
             killer.start()
             with pytest.raises(TimeoutError, match='planner/plan did not .* within 5 s'):
                 planner.plan(timeout=5.0)
             killer.join()
         with node_process('planner', duration=120.0, slots=40):
-            planner.status.clear()
+            planner.status = PlannerStatus()
             planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
             assert planner.plan().scenario.slots == 40
 
@@ -130,7 +131,7 @@ def test_a_call_that_waits_is_refused_within_on_status_and_an_error_there_ends_o
     refusals, errors = [], [ValueError('the first')]
 
     def on_status(_):
-        if errors and planner.status['state'] == 'solving':
+        if errors and planner.status.state == 'solving':
             raise errors.pop()
         try:
             planner.plan()
@@ -144,7 +145,7 @@ def test_a_call_that_waits_is_refused_within_on_status_and_an_error_there_ends_o
         with pytest.raises(ClientError, match='a callback failed: ValueError: the first') as error:
             planner.plan()
         assert isinstance(error.value.__cause__, ValueError)
-        planner.wait_until(lambda: planner.status['state'] == 'idle')
+        planner.wait_until(lambda: planner.status.state == 'idle')
         assert planner.plan() is planner.last_plan
 
 
@@ -190,7 +191,7 @@ def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_p
             planner.send_odometry('uav2', (95.0, 495.0), (0.0, 0.0))
         planner.wait_until(lambda: planner.knows_poses('uav1/pose', 'uav2/odom'), repeat=send)
         plan = planner.plan()
-        assert 'plan.promised_until' in planner.status
+        assert planner.status.plan.promised_until is not None
         assert plan.positions[:, 0].tolist() == [[90.0, 490.0], [95.0, 495.0]]
         with pytest.raises(ClientError, match="there is no member 'eve'; there are ground_node, "):
             planner.send_pose('eve', (0.0, 0.0))

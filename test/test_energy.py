@@ -15,8 +15,8 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.planner.poses import PoseBook
-from secure_uav_planner.ros.planner.status import State, status_values
+from secure_uav_planner.ros.planner.status import plan_status
+from secure_uav_planner.ros.planner_status import EnergyStatus
 from strategies import with_uavs
 
 # As it stands in the paper, with its numbers for a UAV of 20 N and a rotor of 0.4 m.
@@ -101,13 +101,7 @@ def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(
     labels = [text.get_text() for text in draw_plan(plan).axes[1].get_legend().get_texts()]
     assert labels == [f'uav1 (transmits)\n{total / 1e3:.3g} kJ by the model (hovering '
                       f'{hovering / 1e3:.3g})', 'uav2 (jams)']
-    state = State()
-    state.keep(replace(plan, start_ns=0))
-    status = status_values(state, None, False, PoseBook(), {
-        'ground_nodes': [], 'eavesdroppers': [], 'uavs': []}, 0.0)
-    assert {key: value for key, value in status.items() if 'energy' in key} == {
-        'plan.energy.uav1': total, 'plan.energy.uav1.hovering': hovering,
-        'plan.energy.uav1.flying': flying}
+    assert plan_status(plan, None, 0.0).energy == {'uav1': EnergyStatus(total, hovering, flying)}
 
 
 def test_a_campaign_has_columns_for_energies_and_for_its_assessment(

@@ -32,7 +32,7 @@ def whole():
         got = {f'{name}/{topic}': late.listen(kind, f'{name}/{topic}')
                for name in ('uav1', 'uav2') for topic, kind in KINDS.items()}
         got['planner/markers'] = late.listen(MarkerArray, 'planner/markers')
-        wait_for(lambda: all(got.values()) and 'plan.stamp' in late.status, what='a whole plan')
+        wait_for(lambda: all(got.values()) and late.status.plan.identity, what='a whole plan')
         return {topic: received[-1] for topic, received in got.items()}, late.status
 
 
@@ -40,7 +40,7 @@ def until_solving(client):
     """Start a long solve and return the future of its answer once it is under way."""
     client.set_parameters('planner', **LONG)
     answer = client.ask('planner/plan')
-    wait_for(lambda: 'progress.iteration' in client.status, what='progress')
+    wait_for(lambda: client.status.progress.step, what='progress')
     assert not answer.done()
     return answer
 
@@ -58,9 +58,9 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
         assert stopped(process, signal.SIGKILL) == -signal.SIGKILL
     with node_process('planner', plan_file=file, **SHORT):
         again, status_again = whole()
-        assert again == first and status_again['plan.stamp'] == status['plan.stamp']
+        assert again == first and status_again.plan.stamp == status.plan.stamp
         # It is a planner as before.
-        client.status.clear()
+        client.forget_status()
         client.plan_paper()
 
 
@@ -119,7 +119,7 @@ def test_the_planner_plans_before_the_first_clock_while_it_stands_still_and_afte
             wait_for(lambda: 'no pose has come on ground_node/pose since the clock was set back' in
                      client.call('planner/plan').message, what='a refusal')
             wait_for(lambda: plans_between(10.0, 900.0), what='a plan after the jump')
-            wait_for(lambda: 0.0 <= float(client.status['plan.age']) < 900.0, what='a new age')
+            wait_for(lambda: 0.0 <= client.status.plan.age < 900.0, what='a new age')
             clock.running = False
             solving = until_solving(client)
             assert client.call('planner/cancel').success

@@ -98,7 +98,7 @@ class Planner(Target):
         if not self.call('plan').success:
             return
         plan = wait_for(lambda: self.client.last_plan is not None and (
-            self.client.last_plan.identity == self.client.status.get('plan.identity')) and (
+            self.client.last_plan.identity == self.client.status.plan.identity) and (
                 self.client.last_plan), what='the plan')
         assert plan.scenario.slots == values['slots']
         for uav, points, watts in zip(plan.scenario.uavs, plan.positions, plan.powers):

@@ -51,7 +51,7 @@ def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
             wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
             planner.wait_until(planner.knows_poses)
             planner.plan()
-            planner.wait_until(lambda: planner.status.get('track.state') == 'ended',
+            planner.wait_until(lambda: planner.status.track.state == 'ended',
                                'the end of the flight', timeout=10 * PATIENCE)
         status = planner.status
         wait_for(lambda: file.exists() and Plan.load(file).identity == plans[-1].identity,
@@ -62,14 +62,14 @@ def test_replans_in_flight_serve_each_node_by_what_it_has_got(client, tmp_path):
     for field in ('positions', 'powers', 'shares'):
         np.testing.assert_array_equal(getattr(plans[-1], field), getattr(saved, field))
     for name, rate in zip(NAMES, saved.node_rates):
-        assert float(status[f'plan.node_rate.{name}']) == pytest.approx(rate, rel=1e-5)
+        assert status.plan.node_rate[name] == pytest.approx(rate, rel=1e-5)
     assert {message.data for message in served} == {*NAMES, ''}
     track = tuple((time, *cart_at(saved.start_ns * 1e-9 + time)) for time in (0.0, 121.0))
     barn, cart = scenario.ground_nodes
     hindsight = replace(scenario, ground_nodes=(barn, replace(cart, position=None, track=track)))
     flown = Plan(hindsight, saved.positions, saved.powers, shares=saved.shares)
     best = solve(hindsight, objective='guaranteed').rate
-    print(f'{status["replans"]} replans: {flown.rate:.4f}, in hindsight {best:.4f}; '
+    print(f'{status.replans} replans: {flown.rate:.4f}, in hindsight {best:.4f}; '
           f'{flown.node_rates}')
     assert flown.rate > 0.95 * best
 

@@ -44,12 +44,12 @@ def test_under_load_a_solve_lets_everything_answer_can_be_cancelled_and_ends_at_
                                           method='alternating') as process:
         paths = client.listen(Path, 'uav1/path')
         client.plan_paper()
-        first = wait_for(lambda: paths and client.status.get('plan.stamp'))
+        first = wait_for(lambda: paths and client.status.plan.identity)
         # Its solve takes far longer than the test.
         client.set_parameters('planner', duration=400.0, slots=3000)
         with poses(client) as sent:
             answer = client.ask('planner/plan')
-            wait_for(lambda: 'progress.iteration' in client.status, what='progress')
+            wait_for(lambda: client.status.progress.step, what='progress')
             before, count = sent[0], len(client.statuses)
             wait_for(lambda: sent[0] > before + 100, what='100 rounds of poses')
             assert client.get_parameters('planner', 'slots') == [3000]
@@ -60,8 +60,8 @@ def test_under_load_a_solve_lets_everything_answer_can_be_cancelled_and_ends_at_
             assert client.call('planner/cancel').success
             wait_for(answer.done)
             assert answer.result().message == 'cancelled; the last plan stands'
-            wait_for(lambda: client.status['state'] == 'idle')
-            assert client.status['plan.stamp'] == first and len(paths) == 1
+            wait_for(lambda: client.status.state == 'idle')
+            assert client.status.plan.identity == first and len(paths) == 1
             assert client.call('planner/cancel').message == 'no solve is under way'
             client.set_parameters('planner', time_limit=2.0)
             assert 'stopped at time_limit with the best feasible plan so far' in client.call(

@@ -245,8 +245,8 @@ def test_a_mission_with_a_battery_is_planned_again_in_flight_with_what_is_left(c
         wait_for(lambda: all(paths + powers))
         client.send_estimate('eavesdropper/pose', 170, 30)
         wait_for(lambda: all(len(got) == 2 for got in paths + powers), what='the new plan')
-        wait_for(lambda: client.status['replans'] == '1')
-        told = float(client.status['plan.energy.uav1'])
+        wait_for(lambda: client.status.replans == 1)
+        told = client.status.plan.energy['uav1'].total
         [result] = client.set_parameters('planner', uav2__max_acceleration=0.0)
         assert not result.successful and 'uav2.max_energy is 20000' in result.reason
     old, new = (plan_of(scenario, paths, powers, index) for index in (0, 1))

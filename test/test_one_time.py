@@ -10,7 +10,7 @@ import numpy as np
 from processes import ROOT
 import pytest
 from ros_client import (
-    Client, node_process, odometry_message, places_of, seconds, values_of, wait_for)
+    Client, node_process, odometry_message, places_of, seconds, wait_for)
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
@@ -68,24 +68,24 @@ def flown(client):
 
 
 def time_of_plan(client):
-    return float(client.status.get('track.time', -math.inf))
+    return client.status.track.time
 
 
 def is_on_its_plan(client):
-    distances = [client.status.get(f'track.distance.{name}') for name in ('uav1', 'uav2')]
-    return client.statuses[-1].level == DiagnosticStatus.OK and all(
-        value not in (None, 'none') and float(value) < 0.5 for value in distances)
+    distance = client.status.track.distance
+    return client.status.level == DiagnosticStatus.OK and all(
+        distance.get(name, math.inf) < 0.5 for name in ('uav1', 'uav2'))
 
 
 def plan(client):
     """Ask for a plan; return the text of the answer, once the replay has adopted it."""
-    before = client.status.get('plan.identity')
+    before = client.status.plan.identity
     answer = client.call('planner/plan')
     assert answer.success, answer.message
 
     def is_adopted():
-        identity = client.status.get('plan.identity')
-        return identity not in (None, before) and (
+        identity = client.status.plan.identity
+        return identity not in ('', before) and (
             client.times and read_plan_time(client.times[-1])[0] == identity)
     wait_for(is_adopted, what='the new plan in the replay')
     assert not [line for line in client.replay.lines if 'not played' in line]
@@ -96,15 +96,15 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
         flown):
     paths = flown.listen(Path, 'uav1/path')
     plan(flown)
-    wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
+    wait_for(lambda: flown.status.track.state == 'waiting', what='a plan that waits')
     time.sleep(3.0)
     answer = flown.call('replay/start')
-    assert answer.success and flown.status['plan.identity'] in answer.message
+    assert answer.success and flown.status.plan.identity in answer.message
     wait_for(lambda: time_of_plan(flown) > 5.0 and is_on_its_plan(flown))
     wait_for(lambda: flown.powers[0] and flown.powers[0][-1].data > 0, what='power in flight')
     assert flown.call('replay/pause').success
     # The planner takes a silence for a hold as well, so the reports are compared, too.
-    wait_for(lambda: flown.status['track.state'] == 'held' and (
+    wait_for(lambda: flown.status.track.state == 'held' and (
         flown.times[-1].time_ref == flown.times[-2].time_ref), what='a flight that is held')
     wait_for(lambda: not any(watts[-1].data for watts in flown.powers),
              what='silence, since the receivers move on')
@@ -131,7 +131,7 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
     assert answer.success and 'waits for' in answer.message and 'to reach its start' in (
         answer.message)
     assert flown.call('replay/pause').success
-    wait_for(lambda: flown.status.get('track.state') == 'waiting', what='a plan that waits')
+    wait_for(lambda: flown.status.track.state == 'waiting', what='a plan that waits')
     # For a second after the reset the flight counts as one that slows down.
     wait_for(lambda: 'ask again when it' not in flown.call('planner/plan').message)
     assert 'goes on' not in plan(flown)
@@ -210,7 +210,7 @@ def test_after_a_flight_that_ended_off_the_goal_the_next_plan_begins_at_the_vehi
         places |= {'uav1': (119.0, -500.0), 'uav2': (100.0, -500.0)}
         assert client.set_parameters(
             'planner', uav1__goal=[100.0, 500.0], uav2__goal=[100.0, 500.0])[0].successful
-        wait_for(lambda: abs(float(client.status['track.distance.uav1']) - 19.0) < 0.01)
+        wait_for(lambda: abs(client.status.track.distance['uav1'] - 19.0) < 0.01)
         assert client.call('planner/plan').success
         wait_for(lambda: any('~/start begins it where the UAVs are' in line
                              for line in replay.lines), what='the plan in the replay')
@@ -231,8 +231,8 @@ def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
         assert client.call('planner/plan').success
         wait_for(lambda: path)
         assert places_of(path[-1])[0].tolist() == [100.0, 500.0]
-        assert all('track.time' not in values_of(status) for status in client.statuses)
+        assert not any(status.track.plan for status in client.statuses)
         with node_process(ROOT / 'examples/ros/report_time.py'):
-            wait_for(lambda: int(client.status['replans']) > 0, what='a replan')
-            wait_for(lambda: client.status.get('track.state') == 'flying')
-        wait_for(lambda: 'is silent' in client.statuses[-1].message)
+            wait_for(lambda: client.status.replans > 0, what='a replan')
+            wait_for(lambda: client.status.track.state == 'flying')
+        wait_for(lambda: 'is silent' in client.statuses[-1].text)

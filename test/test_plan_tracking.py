@@ -18,7 +18,8 @@ from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
 from secure_uav_planner.ros.planner.scenarios import make_request, StartTime
 from secure_uav_planner.ros.planner.status import (
-    level_and_text, plan_values, RequestOutcome, State)
+    level_and_text, plan_status, RequestOutcome, State)
+from secure_uav_planner.ros.planner_status import TrackStatus
 from studies.flown.missions import limit_acceleration
 from test_plan import gap_plan
 
@@ -137,7 +138,7 @@ def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_t
     book, playback = PoseBook(), Playback(plan)
     tracking = PlanTracking(book)
     tracking.add_plan(plan, 1000.0)
-    assert tracking.status(DEFAULTS, 1001.0) == ([], {})  # Nobody flies.
+    assert tracking.status(DEFAULTS, 1001.0) == ([], TrackStatus())  # Nobody flies.
     for clock, offset, text in ((1020.0, (0.3, 0.4), None), (1020.2, (0.3, 0.4), None),
                                 (1020.4, (30.0, 40.0), 'uav1 is 50.0 m from its plan, beyond')):
         report(tracking, plan, (clock, clock - 1000.0))
@@ -145,14 +146,14 @@ def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_t
             place = playback.at(clock - 1000.0).positions[uav] + off
             book.take(f'{name}/odom', odometry(*place, stamp=clock), DEFAULTS, clock)
         tracking.observe(DEFAULTS, clock)
-        problems, values = tracking.status(DEFAULTS, clock)
-        assert values['track.distance.uav1'] == pytest.approx(math.hypot(*offset))
-        assert values['track.distance.uav2'] == pytest.approx(0.0, abs=1e-6)
+        problems, track = tracking.status(DEFAULTS, clock)
+        assert track.distance == pytest.approx(
+            {'uav1': math.hypot(*offset), 'uav2': 0.0}, abs=1e-6)
         assert len(problems) == bool(text) and (text or '') in ''.join(problems)
     assert tracking.status({**DEFAULTS, 'track_tolerance': 51.0}, clock)[0] == []
-    assert values['track.rate'] <= values['track.planned_rate']
-    values = tracking.status({**DEFAULTS, 'pose_timeout': 1.0}, 1030.0)[1]
-    assert values['track.distance.uav1'] == 'none'
+    assert track.rate <= track.planned_rate
+    track = tracking.status({**DEFAULTS, 'pose_timeout': 1.0}, 1030.0)[1]
+    assert math.isnan(track.distance['uav1'])
 
 
 def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
@@ -164,10 +165,10 @@ def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
     assert tracking.flight(1011.0).playback.plan is second
     report(tracking, first, (1013.0, 13.0))
     assert tracking.flight(1013.0).playback.plan is first
-    problems, values = tracking.status(
+    problems, track = tracking.status(
         {'uavs': ['uav1', 'uav2'], 'track_tolerance': 5.0, 'frame_id': 'map', 'pose_timeout': 0.0,
          'uav1.use_pose': True, 'uav2.use_pose': True}, 1013.0)
-    assert (values['track.plan'], values['track.state']) == (first.identity, 'flying')
+    assert (track.plan, track.state) == (first.identity, 'flying')
     assert f'plan {second.identity} is not flown: the follower has not adopted it and flies ' \
            f'{first.identity}' in problems
     report(tracking, second, (1013.5, 13.5))
@@ -366,4 +367,4 @@ def test_a_plan_without_a_promised_slot_is_told_with_warn():
     assert outcome.level == DiagnosticStatus.WARN
     assert 'guaranteed rate none, worst-case rate none bit/s/Hz; no slot is promised: receivers ' \
         'are predicted until -2.2 s and slot 1 begins at 10.0 s' in outcome.text
-    assert plan_values(first)['plan.promised_slots'] == 2
+    assert plan_status(first, None, 0.0).promised_slots == 2

@@ -12,9 +12,10 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_client import Client, node_here, node_process, seconds, values_of, wait_for
+from ros_client import Client, node_here, node_process, seconds, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.errors import OptionError
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from simulation import DEEP, plan_of, received
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -66,7 +67,7 @@ def test_what_is_missing_is_named_and_then_a_plan_comes_whole_with_the_rates_tha
     assert not answer.success and 'uav1/pose' not in answer.message
     assert 'no pose has come on ground_node/pose' in answer.message
     assert 'no pose has come on eavesdropper/pose' in answer.message
-    wait_for(lambda: client.status['outcome.code'] == 'pose_missing')
+    wait_for(lambda: client.status.outcome.code == 'pose_missing')
 
     def are_regular():
         times = [seconds(message.header.stamp) for message in diagnostics]
@@ -91,15 +92,15 @@ def test_what_is_missing_is_named_and_then_a_plan_comes_whole_with_the_rates_tha
     assert plan.guaranteed_rate > 1.9
     stamp, = {seconds(message.header.stamp) for message in (
         *(got[-1] for got in paths + trajectories), *markers[-1].markers)}
-    cold = wait_for(lambda: 'plan.guaranteed_rate' in client.status and client.status)
-    assert float(cold['plan.guaranteed_rate']) == pytest.approx(plan.guaranteed_rate, rel=1e-5)
-    assert float(cold['plan.stamp']) == pytest.approx(stamp)
+    cold = wait_for(lambda: client.status.plan.identity and client.status.plan)
+    assert cold.guaranteed_rate == pytest.approx(plan.guaranteed_rate, rel=1e-5)
+    assert cold.stamp == pytest.approx(stamp)
     assert client.statuses[-1].level == DiagnosticStatus.OK
 
     # The same request again starts from the last plan.
     assert client.call('planner/plan').success
-    wait_for(lambda: client.status['plan.stamp'] != cold['plan.stamp'])
-    assert int(client.status['plan.iterations']) < int(cold['plan.iterations'])
+    wait_for(lambda: client.status.plan.stamp != cold.stamp)
+    assert client.status.plan.iterations < cold.iterations
 
 
 def test_teams_in_two_namespaces_plan_at_once_each_its_own_mission_with_its_own_names():
@@ -139,7 +140,7 @@ def test_teams_in_two_namespaces_plan_at_once_each_its_own_mission_with_its_own_
         assert north.call('planner/plan').success
 
         def plans(team):
-            return [int(values_of(status)['plans']) for message in list(diagnostics)
+            return [PlannerStatus.from_message(status).plans for message in list(diagnostics)
                     for status in message.status if status.name == f'{team[1:]}/planner: plan']
         wait_for(lambda: [max(plans(team), default=0) for team in teams] == [2, 1])
 
@@ -157,7 +158,7 @@ def test_the_code_of_an_outcome_is_that_of_its_error(shared, change, code, text)
     with changed(shared, **change):
         # Again, if a pose has come just before.
         wait_for(lambda: text in shared.call('planner/plan').message
-                 and shared.status['outcome.code'] == code, what=code)
+                 and shared.status.outcome.code == code, what=code)
 
 
 def test_a_plan_shows_zone_and_fence_and_tells_how_close_it_comes(shared):
@@ -165,15 +166,15 @@ def test_a_plan_shows_zone_and_fence_and_tells_how_close_it_comes(shared):
     answer = shared.call('planner/plan')
     assert 'uav1 and uav2 come within 10.0 m of each other' in answer.message
     assert ' m of tower' in answer.message and '; along the curve ' in answer.message
-    values = wait_for(lambda: markers and 'plan.zone_distance' in shared.status and shared.status)
+    plan = wait_for(lambda: markers and shared.status.plan.zone_distance.between
+                    and shared.status.plan)
     names = {marker.ns for marker in markers[-1].markers}
     assert {'no_fly_zone', 'no_fly_zone_edges', 'geofence'} <= names
-    assert float(values['plan.uav_distance']) == pytest.approx(10.0, abs=1e-3)
-    assert values['plan.uav_distance.between'] == 'uav1, uav2'
-    assert values['plan.zone_distance.between'].endswith(', tower')
-    assert float(values['plan.zone_distance']) > 500
-    assert float(values['plan.curve_rate']) == pytest.approx(
-        float(values['plan.guaranteed_rate']), abs=0.05)
+    assert plan.uav_distance.distance == pytest.approx(10.0, abs=1e-3)
+    assert plan.uav_distance.between == 'uav1, uav2'
+    assert plan.zone_distance.between.endswith(', tower')
+    assert plan.zone_distance.distance > 500
+    assert plan.curve_rate == pytest.approx(plan.guaranteed_rate, abs=0.05)
     wait_for(lambda: shared.statuses[-1].level == DiagnosticStatus.OK)
     with changed(shared, **{'uav2.altitude': 101.0, 'separation': 0.0}):
         answer = shared.call('planner/plan')
@@ -212,7 +213,7 @@ def test_an_error_of_the_program_is_told_as_one_and_no_answer_depends_on_what_wa
     assert [answer.success for answer in answers] == [True, True, False, False] * 2
     assert 'no;' in answers[2].message
     assert answers[3].message.startswith('the solve failed: ValueError: operands')
-    wait_for(lambda: shared.status['outcome.code'] == 'failed')
+    wait_for(lambda: shared.status.outcome.code == 'failed')
     assert shared.statuses[-1].level == DiagnosticStatus.ERROR
     assert any('[ERROR]' in line and 'operands' in line for line in shared.process.lines)
 
@@ -231,13 +232,14 @@ def test_a_solve_does_not_begin_with_the_progress_of_the_one_before(shared, set_
     answer = shared.ask('planner/plan')
 
     def solving():
-        return [values for values in (values_of(message.status[0]) for message in diagnostics)
-                if values['state'] == 'solving']
+        return [status for status in (
+            PlannerStatus.from_message(message.status[0]) for message in diagnostics)
+                if status.state == 'solving']
     wait_for(lambda: len(solving()) > 2, what='a solve that is reported')
     assert not answer.done()
     go.set()
     wait_for(answer.done)
-    assert not any('progress.iteration' in values for values in solving())
+    assert not any(status.progress.step for status in solving())
 
 
 def test_the_state_is_solving_until_the_answer_and_a_cancel_after_the_solve_is_kept(
@@ -255,13 +257,13 @@ def test_the_state_is_solving_until_the_answer_and_a_cancel_after_the_solve_is_k
     shared.statuses.clear()
     answer = shared.ask('planner/plan')
     wait_for(solved.is_set)
-    wait_for(lambda: shared.statuses and shared.status['state'] == 'solving')
+    wait_for(lambda: shared.statuses and shared.status.state == 'solving')
     assert shared.call('planner/cancel').success
     go.set()
     wait_for(answer.done)
     assert not answer.result().success
     assert answer.result().message == 'cancelled; the last plan stands'
-    wait_for(lambda: shared.status['state'] == 'idle', what='an idle planner')
+    wait_for(lambda: shared.status.state == 'idle', what='an idle planner')
     assert shared.call('planner/plan').success
     wait_for(lambda: paths)
     assert len(paths) == 1
@@ -280,20 +282,20 @@ def test_a_request_stops_a_replan_and_no_replan_of_an_older_plan_is_published_af
             answers.append(client.call('planner/plan'))
             time.sleep(rng.uniform(0.2, 0.5))
         # On a busy machine the requests may have left none of them the time to finish.
-        wait_for(lambda: int(client.status['replans']) > 0, what='a replan')
+        wait_for(lambda: client.status.replans > 0, what='a replan')
         client.set_parameters('planner', replan_period=0.0)
 
         def is_quiet():
             count = len(paths)
             time.sleep(1.0)
-            return count == len(paths) and client.status['state'] == 'idle'
+            return count == len(paths) and client.status.state == 'idle'
         wait_for(is_quiet, what='the end of the last replan')
-        values = client.status
+        status = client.status
     assert [answer.message for answer in answers if not answer.success] == []
-    assert int(values['plans']) == 20
+    assert status.plans == 20
     stamps = [seconds(path.header.stamp) for path in paths]
     assert len(stamps) > 20 and stamps == sorted(stamps)
-    assert float(values['plan.stamp']) == pytest.approx(max(stamps), abs=1e-6)
+    assert status.plan.stamp == pytest.approx(max(stamps), abs=1e-6)
 
 
 def test_a_replan_that_changes_nothing_is_not_counted_and_of_a_late_one_the_reason_is_told(
@@ -312,13 +314,13 @@ def test_a_replan_that_changes_nothing_is_not_counted_and_of_a_late_one_the_reas
         client.plan_paper()
         client.follow()
         wait_for(lambda: len(solves) > 4 and len(paths) > 1, what='replans')
-        assert client.status['replans'] == '0'
+        assert client.status.replans == 0
         delay[0] = 0.5
         client.set_parameters('planner', replan_period=0.0, replan_distance=5.0, replan_lead=0.1)
         client.send_estimate('eavesdropper/pose', 260, 0)
-        wait_for(lambda: client.status['outcome.code'] == 'late', what='the reason')
+        wait_for(lambda: client.status.outcome.code == 'late', what='the reason')
         status = client.statuses[-1]
-        assert 'replan_lead' in status.message and 'the last plan stands' in status.message
+        assert 'replan_lead' in status.text and 'the last plan stands' in status.text
         assert status.level == DiagnosticStatus.WARN
 
 
@@ -355,19 +357,19 @@ def test_the_bound_follows_the_plan_and_a_request_stops_it_first_and_if_it_fails
         assert not client.call('planner/plan').success
         assert solved == [['cancelled']]
         answered.set()
-        values = wait_for(lambda: 'plan.bound' in client.status and client.status)
-        assert float(values['plan.bound']) >= float(values['plan.worst_case_rate'])
-        assert 'below the best possible' in values['plan.claim']
+        told = wait_for(lambda: client.status.plan.bound and client.status.plan)
+        assert told.bound >= told.worst_case_rate
+        assert 'below the best possible' in told.claim
         wait_for(lambda: Plan.load(file).bound is not None, what='the bound in the file')
         # The next plan has none at first, and then its own.
         set_solver(solve)
-        first = values['plan.stamp']
+        first = told.stamp
         assert client.call('planner/plan').success
-        wait_for(lambda: client.status['plan.stamp'] != first and 'plan.bound' in client.status,
+        wait_for(lambda: client.status.plan.stamp != first and client.status.plan.bound,
                  what='the next bound')
-        assert client.status['plan.claim'] in client.statuses[-1].message
-        assert any(values.get('plan.stamp', first) != first and 'plan.bound' not in values
-                   for values in map(values_of, client.statuses))
+        assert client.status.plan.claim in client.statuses[-1].text
+        assert any(status.plan.identity and status.plan.stamp != first
+                   and status.plan.bound is None for status in client.statuses)
 
 
 def test_a_limit_of_acceleration_is_used_up_and_kept(client):

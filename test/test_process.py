@@ -21,7 +21,7 @@ def test_a_signal_in_the_middle_of_a_solve_ends_the_node_and_the_solve(number, m
                                           time_limit=0.0) as process:
         client.send_paper()
         answer = client.ask('planner/plan')
-        wait_for(lambda: client.status['state'] == 'solving')
+        wait_for(lambda: client.status.state == 'solving')
         process.send_signal(number)
         process.send_signal(number)  # an impatient user's second one changes nothing
         assert process.wait(timeout=PATIENCE) == 0

@@ -13,6 +13,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.recording import record
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
 from test_tracks import drive
@@ -97,11 +98,10 @@ def test_zones_fence_and_distances_are_recorded(tmp_path):
     topics = messages(path)
     names = [marker.ns for marker in topics['/planner/markers'][-1][2].markers]
     assert names.count('no_fly_zone') == 3 and names.count('geofence') == 1
-    values = {pair.key: pair.value for pair in topics['/planner/status'][-1][2].values}
-    assert float(values['plan.uav_distance']) > 20
-    assert values['plan.zone_distance.between'] == 'courier, hospital'
-    assert float(values['plan.curve_rate']) == pytest.approx(
-        float(values['plan.guaranteed_rate']), abs=0.01)
+    plan = PlannerStatus.from_message(topics['/planner/status'][-1][2]).plan
+    assert plan.uav_distance.distance > 20
+    assert plan.zone_distance.between == 'courier, hospital'
+    assert plan.curve_rate == pytest.approx(plan.guaranteed_rate, abs=0.01)
 
 
 def test_the_plan_and_its_replay_to_the_goal_can_be_read_back_with_its_rate(read, plan, file):

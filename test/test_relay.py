@@ -216,7 +216,7 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
             node_here('planner', duration=150.0, slots=30, uav2__origin='[0.0, 490.0, 0.0]'):
         publisher = client.publisher(type(state), 'uav1/fmu/out/vehicle_odometry')
         wait_for(lambda: publisher.publish(state) or time.sleep(0.02) or (
-            client.status.get('pose_age.uav1/odom', 'none') != 'none'))
+            client.status.has_pose('uav1/odom')))
         client.send_pose('uav2/pose', 110.0, 10.0)
         client.plan_paper()
         wait_for(lambda: all(paths.values()))
@@ -315,14 +315,14 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
                         if status.name == 'relay: uav1']
                 return told and text in told[-1].message and (
                     values_of(told[-1])['state'] == state and told[-1].level == level
-                    and client.status.get('relay.uav1') == state)
+                    and client.status.relay.get('uav1') == state)
             wait_for(is_told, what=state)
 
         ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
         until('silent', warn, 'has heard no setpoints for ', sends=False)
         until('refused', warn, 'it is 20.0 m from the vehicle and start_tolerance is 5 m', 30.0)
         wait_for(lambda: 'the relay of uav1, /relay, has refused setpoints for ' in (
-            client.statuses[-1].message), what='the reason in the status of the planner')
+            client.statuses[-1].text), what='the reason in the status of the planner')
         until('passing', ok, 'passes setpoints on', 11.0)
         source.place.x = 410.0
         until('holding', warn, 's: it is 400.0 m from the last one', 11.0)
@@ -330,10 +330,10 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
         until('disabled', warn, 'sends nothing until ~/enable is called with true', 11.0)
         client.follow()
         client.plan_paper()
-        wait_for(lambda: 'the relay of uav1, /relay, sends nothing' in client.statuses[-1].message)
+        wait_for(lambda: 'the relay of uav1, /relay, sends nothing' in client.statuses[-1].text)
         relay.kill()
-        wait_for(lambda: client.status['relay.uav1'] == 'lost' and (
-            'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].message))
+        wait_for(lambda: client.status.relay['uav1'] == 'lost' and (
+            'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].text))
 
 
 class Autopilot:
@@ -379,26 +379,25 @@ def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_pow
         with node_process('relay', **options) as relay:
             for name in names:
                 Autopilot(packages, client, name, (100.0, 500.0))
-            wait_for(lambda: all(client.status.get(f'pose_age.{name}/odom', 'none') != 'none'
+            wait_for(lambda: all(client.status.has_pose(f'{name}/odom')
                                  for name in names))
             client.plan_paper()
             assert client.call('replay/start').success
 
             def distances():
-                values = [client.status.get(f'track.distance.{name}', 'none') for name in names]
-                return [math.inf if value == 'none' else float(value) for value in values]
+                return [client.status.track.distance.get(name, math.nan) for name in names]
 
             def until_held_and_back():
                 """Wait until both were told off their plan, without power, and are back."""
-                wait_for(lambda: 'uav1 is held ' in client.statuses[-1].message,
+                wait_for(lambda: 'uav1 is held ' in client.statuses[-1].text,
                          what='the word that uav1 is held')
                 wait_for_line(replay, 'no power is sent: ')
                 wait_for(lambda: not any(watts[-1].data for watts in powers), what='silence')
-                wait_for(lambda: max(distances()) < 3.0, what='both on their plan')
+                wait_for(lambda: all(at < 3.0 for at in distances()), what='both on their plan')
                 wait_for(lambda: powers[0][-1].data > 0, what='power again')
 
-            wait_for(lambda: float(client.status.get('track.time', 0.0)) > 8.0 and (
-                max(distances()) < 3.0 and powers[0][-1].data > 0), what='a flight')
+            wait_for(lambda: client.status.track.time > 8.0 and (
+                all(at < 3.0 for at in distances()) and powers[0][-1].data > 0), what='a flight')
             client.call('relay/enable', SetBool, SetBool.Request(data=False))
             time.sleep(3.0)
             client.call('relay/enable', SetBool, SetBool.Request(data=True))
@@ -408,7 +407,7 @@ def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_pow
             for node in (replay, planner):  # About a second later.
                 wait_for_line(node, 'the relay of uav1, /relay, has not reported for ')
             wait_for(lambda: 'the relay of uav1, /relay, has not reported for ' in (
-                client.statuses[-1].message), what='the name of the relay that died')
+                client.statuses[-1].text), what='the name of the relay that died')
         with node_process('relay', **options):
             client.send_paper()  # Its poses ended with the relay.
             until_held_and_back()
@@ -556,7 +555,7 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
                 publisher.publish(origin)
                 time.sleep(0.1)
                 status = client.statuses[-1]
-                return text in status.message and status.level == DiagnosticStatus.WARN
+                return text in status.text and status.level == DiagnosticStatus.WARN
             wait_for(is_said, what=text)
 
         until_said('the local frame of uav1 is not known: its position is earth-centred (ECEF)',
@@ -569,7 +568,7 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
             origin.position.latitude, origin.position.longitude = latitude, longitude
             publisher.publish(origin)
             client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
-            return client.status.get('pose_age.uav1/pose', 'none') != 'none'
+            return client.status.has_pose('uav1/pose')
         wait_for(is_known)
         client.send_pose('uav1/pose', 100.0, 490.0)
         client.plan_paper()

@@ -27,11 +27,11 @@ def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, c
     with node_here('planner', plan_file=file) as process:
         paths = client.listen(Path, 'uav2/path')
         wait_for(lambda: paths and client.statuses, what='the restored plan')
-        assert client.status['plan.status'] == change.get('status', PLAN.status)
+        assert client.status.plan.status == change.get('status', PLAN.status)
         wait_for(lambda: any('ready' in line for line in process.lines))
         assert not any('plan_file' in line for line in process.lines)
         assert max(map(len, process.lines)) < 1000 and (
-            len(client.statuses[-1].message) < 1000)
+            len(client.statuses[-1].text) < 1000)
 
 
 def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):

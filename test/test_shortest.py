@@ -152,6 +152,6 @@ def test_the_planner_plans_the_shortest_flight(client, planner):
     wait_for(lambda: paths, what='the plan')
     first, second = (seconds(pose.header.stamp) for pose in paths[-1].poses[:2])
     duration = (second - first) * (len(paths[-1].poses) - 2)
-    wait_for(lambda: 'plan.worst_case_rate' in client.status)
-    rate = float(client.status['plan.worst_case_rate'])
+    wait_for(lambda: client.status.plan.identity)
+    rate = client.status.plan.worst_case_rate
     assert 249.99 < rate * duration < 251.0 and duration < 120.0

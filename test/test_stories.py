@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import Client, node_process, seconds, stamp_at, values_of, wait_for
+from ros_client import Client, node_process, seconds, stamp_at, wait_for
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.messages import read_plan_time
@@ -236,7 +236,7 @@ class Story:
                 time.sleep(1.0)
             return answers[-1].done() and answers[-1].result().success
         wait_for(answered, what='a plan')
-        identity = wait_for(lambda: values_of(self._statuses[-1]).get('plan.identity'), what='it')
+        identity = wait_for(lambda: self._statuses[-1].plan.identity, what='it')
         said = []
 
         def known():
@@ -259,12 +259,11 @@ class Story:
                         if self._backs[id(rows)] > self._backs['the clock']:
                             yield f'stamps for {name} go back: {before}, {after}'
         for _, status in self._new(self._statuses):
-            values = values_of(status)
-            until = float(values.get('plan.promised_until', math.inf))
-            if status.level == DiagnosticStatus.OK and values.get('track.plan', '') == (
-                    values.get('plan.identity')) and 'ended' not in values['track.state'] and (
-                        until < float(values['track.time']) - 0.1):
-                yield f'level OK, and the promise has ended: {status.message}, {values}'
+            plan, track, until = status.plan, status.track, status.plan.promised_until
+            if status.level == DiagnosticStatus.OK and until is not None and (
+                    track.plan == plan.identity and 'ended' not in track.state
+                    and until < track.time - 0.1):
+                yield f'level OK, and the promise has ended: {status}'
         now = time.monotonic()
         self._calls = [call for call in self._calls
                        if not call[-1].done() and call[1].poll() is None]

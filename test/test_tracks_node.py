@@ -1,6 +1,7 @@
 """Receivers that move, in the planner: what it predicts of them, and until when it promises."""
 
 from dataclasses import replace
+import math
 import re
 from time import sleep
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from ros_client import (
     DEFAULTS, node_here, node_process, odometry_message, PATIENCE, pose_message, stamp_at,
-    values_of, wait_for)
+    wait_for)
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.tracking import PlanClock
@@ -111,8 +112,8 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
 
     def promise():
         """Return its end in s, and what the status says if it has ended."""
-        ended = re.search(r'the promise[^;]*', status[-1].message)
-        return float(values_of(status[-1])['plan.promised_until']), ended and ended.group()
+        ended = re.search(r'the promise[^;]*', status[-1].text)
+        return status[-1].plan.promised_until, ended and ended.group()
 
     with node_here('planner', use_sim_time=True, plan_file=file, duration=120.0, slots=120,
                    start_delay=8.0, replan_lead=3.0, objective='guaranteed',
@@ -121,9 +122,8 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
         clocks = client.listen(DiagnosticArray, '/diagnostics', 10)
         with Simulation(client, send, 6) as simulation:
             wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
-            wait_for(lambda: all(
-                client.status.get(f'pose_age.{topic}', 'none') != 'none'
-                for topic in ('eavesdropper/odom', 'ground_node/pose')), what='the receivers')
+            wait_for(lambda: all(map(client.status.has_pose, (
+                'eavesdropper/odom', 'ground_node/pose'))), what='the receivers')
             answer = client.call('planner/plan')
             assert answer.success, answer.message
             wait_for(file.exists)
@@ -131,24 +131,23 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
             promised = Plan.load(file).guaranteed_rates[:60].mean()
             assert f'guaranteed rate {promised:.4f}' in answer.message
             assert 'until 60.0 s' in answer.message and promise()[0] == pytest.approx(60.0)
-            assert float(client.status['plan.guaranteed_rate']) == pytest.approx(
-                promised, abs=1e-4)
+            assert client.status.plan.guaranteed_rate == pytest.approx(promised, abs=1e-4)
             client.follow(lambda: simulation.now, late=15.0)
             wait_for(lambda: promise()[1], what='the end of the promise')
             until, text = promise()
             assert status[-1].level == DiagnosticStatus.WARN and until < 1.0
             assert 'later than the receivers that move are predicted for' in text
-            wait_for(lambda: float(client.status.get('track.time', 0)) > 5.0)
+            wait_for(lambda: client.status.track.time > 5.0)
             assert 'the flight is 15.0 s later' in promise()[1]
             assert client.set_parameters('planner', replan_distance=900.0)[0].successful
             wait_for(lambda: promise()[1] is None, what='a new promise')
 
             # It is about the car where that is when the flight comes there.
             def find_saved():
-                plan, values = Plan.load(file), values_of(status[-1])
-                return plan.identity == values['plan.identity'] and (plan, values)
-            plan, values = wait_for(find_saved, what='the plan of the status in the file')
-    until, time = float(values['plan.promised_until']), float(values['track.time'])
+                plan, last = Plan.load(file), status[-1]
+                return plan.identity == last.plan.identity and (plan, last)
+            plan, last = wait_for(find_saved, what='the plan of the status in the file')
+    until, time = last.plan.promised_until, last.track.time
     ahead = np.arange(np.ceil(time) + 1.0, until)  # Points of slots.
     _, (centres,), (radii,) = plan.scenario.receivers_at(ahead)
     truth = np.array([car_at(plan.start_ns * 1e-9 + 15.0 + at) for at in ahead])
@@ -182,7 +181,7 @@ def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction
         assert answer.success and 'no slot is promised: receivers are predicted until' in (
             answer.message)
         wait_for(lambda: client.statuses[-1].level == DiagnosticStatus.WARN)
-        assert client.status['plan.guaranteed_rate'] == 'none'
+        assert math.isnan(client.status.plan.guaranteed_rate)
 
 
 class Filter:
@@ -241,9 +240,9 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(client, tmp_
 
         def has_ended():
             keep_plan()
-            return float(client.status.get('track.time', 0.0)) > duration
+            return client.status.track.time > duration
         wait_for(has_ended, patience=10 * PATIENCE, what='the end of the mission')
-        values = client.status
+        last_status = client.status
 
     first, last = plans[0], plans[-1]
     times = first.start_ns * 1e-9 + first.times[1:-1]
@@ -264,12 +263,12 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(client, tmp_
     achieved = np.maximum(channel.secrecy_rates(
         last.scenario, last.positions, last.powers, truth), 0.0)
     print(f'promised {promised.mean():.3f}, achieved {achieved.mean():.3f} bit/s/Hz, '
-          f'{values["replans"]} replans, {np.count_nonzero(covered)} slots with a promise')
-    assert int(values['replans']) >= 5
+          f'{last_status.replans} replans, {np.count_nonzero(covered)} slots with a promise')
+    assert last_status.replans >= 5
     assert {plan.start_ns for plan in plans} == {first.start_ns}  # One flight.
     assert (achieved >= promised - 1e-9).all()
     assert covered.mean() > 0.5 and promised.mean() > 0
-    assert float(values['plan.promised_until']) <= 121.0
+    assert last_status.plan.promised_until <= 121.0
 
 
 def test_tracks_of_a_mission_file_count_until_an_estimate_comes(client, tmp_path):

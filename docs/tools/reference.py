@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import REFERENCES, STACKS
 from secure_uav_planner.ros.parameters import (
     PLANNER, read_specs, RELAY, REPLAY, Spec)
-from secure_uav_planner.ros.planner.status import STATUS_KEYS
+from secure_uav_planner.ros.planner_status import list_keys
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 
@@ -81,7 +81,7 @@ def markdown() -> dict[str, str]:
         if node == 'planner':
             lines += ['', '## Status', '', 'The values in `~/status`:', '',
                       '| key | meaning |', '| --- | --- |']
-            lines += [f'| `{key}` | {meaning} |' for key, meaning in STATUS_KEYS.items()]
+            lines += [f'| `{key}` | {meaning} |' for key, meaning in list_keys()]
         pages[node] = '\n'.join(lines)
     return pages
 

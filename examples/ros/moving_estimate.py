@@ -35,12 +35,12 @@ def main(seconds=20.0):
         while (elapsed := time.monotonic() - started) < seconds:
             observe()
             newest = planner.last_plan
-            if newest is not plan and planner.status['plan.identity'] == newest.identity:
+            if newest is not plan and planner.status.plan.identity == newest.identity:
                 plan = newest
-                print(f'{plan.identity}: replan {planner.status["replans"]} at {elapsed:.1f} s, '
-                      f'guaranteed {planner.status["plan.guaranteed_rate"]} bit/s/Hz')
+                print(f'{plan.identity}: replan {planner.status.replans} at {elapsed:.1f} s, '
+                      f'guaranteed {planner.status.plan.guaranteed_rate:.4f} bit/s/Hz')
             time.sleep(0.5)
-        print(f'achieved so far: {planner.status["track.rate"]} bit/s/Hz')
+        print(f'achieved so far: {planner.status.track.rate:.4f} bit/s/Hz')
 
 
 if __name__ == '__main__':

@@ -19,7 +19,7 @@ def main():
     with node_process('planner', ['-p', 'duration:=120.0', '-p', 'slots:=120', *LIMITS]), \
             node_process('replay', []), SecurePlanner(Scenario.paper(120.0)) as planner:
         def state():
-            return planner.status.get('track.state')
+            return planner.status.track.state
 
         planner.wait_until(planner.knows_poses, 'a planner that knows all poses',
                            planner.send_poses)
@@ -28,11 +28,11 @@ def main():
         planner.wait_until(lambda: state() == 'flying', 'the flight')
         print(planner.pause())
         planner.wait_until(lambda: state() == 'held', 'the rest on the path')
-        print(f'held at {float(planner.status["track.time"]):.1f} s of the plan')
+        print(f'held at {planner.status.track.time:.1f} s of the plan')
         time.sleep(2.0)
         print(planner.start())
         planner.wait_until(lambda: state() == 'flying', 'the flight')
-        print(f'going on at {float(planner.status["track.time"]):.1f} s of the plan')
+        print(f'going on at {planner.status.track.time:.1f} s of the plan')
 
 
 if __name__ == '__main__':

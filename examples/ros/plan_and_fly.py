@@ -28,7 +28,7 @@ def main():
         print(f'{plan.identity}: guaranteed {plan.guaranteed_rate:.3f} bit/s/Hz, '
               f'uav1 starts at {plan.positions[0, 0]} m')
         print(planner.start())
-        planner.wait_until(lambda: planner.status.get('track.state') == 'ended', 'the end')
+        planner.wait_until(lambda: planner.status.track.state == 'ended', 'the end')
         print('the flight has ended')
 
 

@@ -7,6 +7,7 @@ what time of it. This node does so for a stack that flies each plan by its stamp
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
+from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 
@@ -15,14 +16,15 @@ def main():
     """Report on the last plan of a planner until Ctrl-C."""
     rclpy.init()
     node = rclpy.create_node('own_stack')
-    reports, plan = node.create_publisher(TimeReference, 'plan_time', 10), {}
-    node.create_subscription(DiagnosticStatus, 'planner/status', lambda status: plan.update(
-        (pair.key, pair.value) for pair in status.values), LATCHED)
+    reports, statuses = node.create_publisher(TimeReference, 'plan_time', 10), []
+    node.create_subscription(DiagnosticStatus, 'planner/status', lambda message: statuses.append(
+        PlannerStatus.from_message(message)), LATCHED)
 
     def report():
-        if 'plan.identity' not in plan:
+        del statuses[:-1]
+        if not statuses or not statuses[-1].plan.identity:
             return
-        message = TimeReference(source=f'{plan["plan.identity"]} {node.get_name()}')
+        message = TimeReference(source=f'{statuses[-1].plan.identity} {node.get_name()}')
         message.header.stamp = node.get_clock().now().to_msg()
         message.time_ref = message.header.stamp  # A late flight has the time that it is at.
         reports.publish(message)

@@ -29,7 +29,7 @@ def main(speed=10.0):
                            planner.send_poses)
         planner.plan()
         print(planner.start())
-        planner.wait_until(lambda: planner.status.get('track.state') == 'ended', 'the end')
+        planner.wait_until(lambda: planner.status.track.state == 'ended', 'the end')
     if viewer is not None:
         viewer.wait()
 

@@ -15,7 +15,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64
 
 from . import messages
-from .planner.status import plan_values
+from .planner.status import plan_status
+from .planner_status import PlannerStatus
 from ..errors import OptionError, quote
 from ..mission.files import atomic_file
 from ..model import channel
@@ -74,9 +75,10 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
             bag.write(f'/{name}/pose', estimate, time)
     for topic, message in messages.plan_messages(plan, frame_id):
         bag.write(_resolved(topic, 'planner'), message, latched=True)
-    bag.write('/planner/status', messages.diagnostic_status(
-        'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
-            'state': 'idle', **plan_values(plan.evaluate())}), latched=True)
+    bag.write('/planner/status', PlannerStatus(
+        DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', 'idle',
+        plan=plan_status(plan.evaluate(), None, (plan.start_ns or 0) * 1e-9)).to_message(
+            'planner: plan'), latched=True)
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:

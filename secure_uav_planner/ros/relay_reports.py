@@ -1,6 +1,6 @@
 """What relays do with the setpoints of each UAV, as they report it on `<uav>/relay`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import time
 from typing import NamedTuple
 
@@ -101,6 +101,10 @@ class RelayReports:
         state, arrival = self._last[uav]
         age = self._clock() - arrival
         return state if age <= _LOST_AFTER_S else RelayState(state.relay, 'lost', age)
+
+    def names(self, uavs: Iterable[str]) -> dict[str, str]:
+        """Return the name of the state of each UAV whose relay has reported."""
+        return {uav: state.name for uav in uavs if (state := self.state(uav))}
 
     def problem(self, uav: str, is_under_way: bool) -> str:
         """

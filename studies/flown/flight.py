@@ -19,6 +19,7 @@ from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.client import ClientError
 from secure_uav_planner.ros.messages import nanoseconds, read_plan_time
+from secure_uav_planner.ros.planner_status import PlannerStatus
 
 from .link import BEGIN_NS, Link, node, RATE, STEP_NS
 from .missions import Event
@@ -48,7 +49,7 @@ class Flight:
     setpoints: np.ndarray  # Positions of the setpoints, (U, K, 3) in m.
     velocities: np.ndarray  # Of the setpoints, (U, K, 2) in m/s.
     planned: np.ndarray  # The path of the first plan, (U, points, 2) in m.
-    status: dict  # The values of the planner's status at the end, by key.
+    status: PlannerStatus  # The last one.
     warnings: dict  # Counts of the planner's WARN status after the landing, by text.
 
     @property
@@ -101,7 +102,7 @@ def fly_event(event, scenario, seed=0):
             link.wait_until(lambda: link.plan_time, 'the plan in the replay node',
                             lambda: course.hover(link))
             course.origin = first.start_ns
-            while link.status.get('track.state') != 'ended':
+            while link.status.track.state != 'ended':
                 if course.time > 3 * scenario.duration:
                     raise ClientError(f'no landing until {course.time:g} s: {link.status}')
                 course.step(link, _PACE)

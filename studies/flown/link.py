@@ -69,11 +69,11 @@ class Link(SecurePlanner):
                               'ROS_DOMAIN_ID to another one')
         return all(counts) and self._clock.get_subscription_count() >= self._nodes
 
-    def _note_status(self, message):
+    def _note_status(self, status):
         """Count warnings, and update is_solving."""
-        if message.level != DiagnosticStatus.OK:
-            self.warnings[message.message] += 1
-        self.is_solving = self.status['state'] == 'solving'
+        if status.level != DiagnosticStatus.OK:
+            self.warnings[status.text] += 1
+        self.is_solving = status.state == 'solving'
 
     def has_come_to(self, now_ns):
         """Return True if the replay has sent all messages of a time in ns."""

@@ -56,9 +56,8 @@ def event_report(flight):
     kick = (changes / steps - scenario.max_accelerations[:, None]).max(initial=0.0)
     return SimpleNamespace(
         event=flight.event.name, jump=jump, kick=kick, **_errors(flight),
-        replans=int(status['replans']), refusals=int(status['refusals']),
-        achieved_rate=float(status['track.rate']),
-        planned_rate=float(status['track.planned_rate']),
+        replans=status.replans, refusals=status.refusals,
+        achieved_rate=status.track.rate, planned_rate=status.track.planned_rate,
         warnings=sum(flight.warnings.values()),
         is_smooth=jump <= POSITION_JUMP and kick <= VELOCITY_JUMP * RATE)
 

@@ -32,8 +32,9 @@ from std_srvs.srv import Trigger
 
 from .. import messages
 from ..parameters import PLANNER
+from ..planner_status import PlannerStatus
 from ..topics import LATCHED, member_topics, STREAM
-from ...errors import brief, describe_error, PlanningError, quote
+from ...errors import brief, describe_error, OptionError, PlanningError, quote
 from ...mission.scenario import Point, Scenario
 from ...plan.file import parse_text
 from ...plan.plan import Plan
@@ -63,18 +64,18 @@ class SecurePlanner:
     :param scenario: the mission of the nodes, by default the paper's: the names of its members,
         and the positions of the receivers for send_poses.
     :param namespace: of the nodes.
-    :param on_status: called with each status of the planner, in the client's thread.
+    :param on_status: called with each PlannerStatus, in the client's thread.
     :raises ParameterError: for names in the scenario that the nodes refuse.
-    :ivar status: the values of the last status, by key.
+    :ivar status: the last PlannerStatus; before the first, its `state` is empty.
     :ivar last_plan: the last Plan of the planner, or None.
     :ivar plan_time: the last report of the replay on its plan and the time in it, or None.
     """
 
     def __init__(self, scenario: Scenario | None = None, namespace: str = '',
-                 on_status: Callable[[DiagnosticStatus], object] = lambda message: None) -> None:
+                 on_status: Callable[[PlannerStatus], object] = lambda status: None) -> None:
         self.scenario = scenario or Scenario.paper()
         self.names = [uav.name for uav in self.scenario.uavs]
-        self.status: dict[str, str] = {}
+        self.status = PlannerStatus()
         self.last_plan: Plan | None = None
         self.plan_time: TimeReference | None = None
         self._receivers = (
@@ -228,9 +229,8 @@ class SecurePlanner:
 
     def knows_poses(self, *topics: str) -> bool:
         """Return True if the planner has a pose or odometry of all receivers, and topics."""
-        return all(any(self.status.get(f'pose_age.{topic}', 'none') != 'none' for topic in either)
-                   for either in (*map(member_topics, self._receivers),
-                                  *([topic] for topic in topics)))
+        return all(any(map(self.status.has_pose, either)) for either in (
+            *map(member_topics, self._receivers), *([topic] for topic in topics)))
 
     # Waiting and receiving
 
@@ -271,9 +271,9 @@ class SecurePlanner:
 
     def _check_names(self, until: float) -> None:
         """Raise a ClientError if the planner plans for other UAVs than the scenario."""
-        self._wait(lambda: self.status, until, lambda: 'the status of the planner did not come')
-        members = {key.removeprefix('pose_age.').partition('/')[0]
-                   for key in self.status if key.startswith('pose_age.')}
+        self._wait(lambda: self.status.state, until,
+                   lambda: 'the status of the planner did not come')
+        members = {topic.partition('/')[0] for topic in self.status.pose_age}
         others = sorted(members - {*self._receivers, *self.names})
         if not members.issuperset(self.names):
             raise ClientError(
@@ -357,8 +357,11 @@ class SecurePlanner:
         self.plan_time = message
 
     def _take_status(self, message: DiagnosticStatus) -> None:
-        self.status = {entry.key: entry.value for entry in message.values}
-        self._on_status(message)
+        try:
+            self.status = PlannerStatus.from_message(message)
+        except OptionError:  # A stranger may publish on its topic what is not a status.
+            return
+        self._on_status(self.status)
 
     def _spin(self) -> None:
         node = self.node

@@ -7,6 +7,7 @@ group of its own, so that other callbacks run meanwhile.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 import math
 import time
@@ -26,7 +27,7 @@ from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
 from .solver import Job, Result, SolverThread
 from .status import (
-    level_and_text, log_at, State, status_values, warn_of_namesakes, WarningLog)
+    log_at, make_status, State, warn_of_namesakes, WarningLog)
 from .. import messages
 from ..parameters import PLANNER, PLANNER_MEMBERS
 from ..process import run_node
@@ -397,20 +398,17 @@ class Planner(Node):
             self._solver.run(partial(save_plan, plan, file, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
-        now, settings, plan = self._now(), self._settings.snapshot(), self._state.plan
+        now, settings = self._now(), self._settings.snapshot()
         is_solving = self._solver.is_solving
         progress = self._solver.job.progress if is_solving else None
-        problems, tracks = self._tracking.status(settings, now)
-        level, text = level_and_text(
-            self._state.outcome, [
-                *self._poses.problems(settings, now), *self._local_frames.problems, *problems,
-                *filter(None, [self._replan_problem, warn_of_namesakes(self)])], progress)
-        if plan is not None and plan.scenario.has_tracks:
-            until, last = plan.promised_until, float(plan.times[-1])
-            tracks['plan.promised_until'] = last if until is None else min(until, last)
-        return messages.diagnostic_status(
-            self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
-            status_values(self._state, progress, is_solving, self._poses, settings, now) | tracks)
+        problems, track = self._tracking.status(settings, now)
+        status = make_status(self._state, progress, is_solving, [
+            *self._poses.problems(settings, now), *self._local_frames.problems, *problems,
+            *filter(None, [self._replan_problem, warn_of_namesakes(self)])], now)
+        return replace(
+            status, pose_age=self._poses.ages(settings, now), track=track,
+            relay=self._tracking.relays.names(settings['uavs'])).to_message(
+                self.get_fully_qualified_name().lstrip('/') + ': plan')
 
     def _publish_status(self) -> None:
         self._outputs['~/status'].publish(self._status_message())

@@ -14,6 +14,7 @@ from sensor_msgs.msg import TimeReference
 
 from .poses import PoseBook
 from ..messages import nanoseconds, read_plan_time
+from ..planner_status import TrackStatus
 from ..relay_reports import RelayReports
 from ...errors import LateError, quote, SupersededError
 from ...mission.scenario import Array
@@ -268,17 +269,15 @@ class PlanTracking:
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._track.add(flight.playback, flight.time, positions, flight.rate)
 
-    def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
-        """Return the problems of the flight in words, and the values of the status by key."""
+    def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], TrackStatus]:
+        """Return the problems of the flight in words, and what the status says of it."""
         flight, most = self.flight(now), settings['track_tolerance']
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [
             problem for name in settings['uavs']
             if (problem := self.relays.problem(name, is_under_way))]
-        relays = {f'relay.{name}': state.name for name in settings['uavs']
-                  if (state := self.relays.state(name))}
         if flight is None:
-            return problems, relays
+            return problems, TrackStatus()
         problems += self._promise_problems(flight)
         silence = now - self._last_arrival[0]
         if flight.is_under_way and silence > SILENCE:
@@ -294,18 +293,16 @@ class PlanTracking:
             for name, distance in distances.items()
             if flight.state != 'waiting' and distance > most]
         newest = next(reversed(self._plans.values()))
-        rates = self._track.rates or ('none', 'none')
+        rates = self._track.rates or (math.nan, math.nan)
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
                             f'adopted it and flies {flight.playback.plan.identity}')
-        return problems, relays | {
-            'track.plan': flight.playback.plan.identity, 'track.time': flight.time,
-            'track.state': flight.state if flight.is_reported else f'{flight.state}, silent',
-            **{f'track.distance.{name}': distances.get(name, 'none')
-               for name in settings['uavs']},
-            'track.rate': rates[0], 'track.planned_rate': rates[1],
-            'track.measured': self._track.measured}
+        return problems, TrackStatus(
+            flight.playback.plan.identity, flight.time,
+            flight.state if flight.is_reported else f'{flight.state}, silent',
+            {name: distances.get(name, math.nan) for name in settings['uavs']}, *rates,
+            self._track.measured)
 
     def _follower_problems(self, now: float) -> list[str]:
         problems, unknown = [], self.unknown_plan(now)

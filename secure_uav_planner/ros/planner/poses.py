@@ -182,6 +182,14 @@ class PoseBook:
         """Return the last valid pose of the topic, or None."""
         return self._poses.get(topic)
 
+    def ages(self, settings: Mapping[str, Any], now: float) -> dict[str, float]:
+        """Return the age of the last pose of each topic in s; NaN before the first."""
+        poses = {topic: self._poses.get(topic) for name in (
+            *settings['ground_nodes'], *settings['eavesdroppers'], *settings['uavs'])
+            for topic in member_topics(name)}
+        return {topic: math.nan if pose is None else pose.age(now)
+                for topic, pose in poses.items()}
+
     def usable_pose(self, name: str, settings: Mapping[str, Any], now: float
                     ) -> KnownPose | None:
         """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""

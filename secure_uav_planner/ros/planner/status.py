@@ -1,80 +1,24 @@
-"""The status that the planner reports: a level and a text for diagnostics, and values by key."""
+"""What the planner says of its last request and plan: outcomes, summaries, and its status."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
-from .poses import PoseBook
-from ..topics import member_topics
+from ..planner_status import (
+    ApproachStatus, EnergyStatus, OutcomeStatus, PlannerStatus, PlanStatus, ProgressStatus)
 from ...errors import brief, describe_error, PlanningError, StoppedError
+from ...model.airspace.clearance import Approach
 from ...plan.plan import Iteration, Plan
 from ...plan.promise import rate_text
 from ...plan.results import Bound
 
 _LONGEST_REASON = 4000
 _MOST_WARNINGS = 5  # About a subject, until it is cleared.
-
-STATUS_KEYS = {
-    'state': '`idle` or `solving`',
-    'outcome.code': 'of the last request or replan: `ok`, or the code of its error',
-    'plans': 'plans made by request since the start',
-    'replans': 'plans made in flight by the planner itself',
-    'refusals': 'requests and replans without a plan',
-    'progress.iteration': 'during a solve: its last iteration',
-    'progress.step': 'what that iteration was',
-    'progress.rate': 'the rate so far, bit/s/Hz',
-    'progress.elapsed': 'since the solve began, s',
-    'plan.identity': '8 digits that tell the last plan from others',
-    'plan.stamp': 'the time of its point 0, s',
-    'plan.age': 'since that time, s; below zero before it',
-    'plan.promised_until': 'where receivers move: until when its rates are promised, s from '
-                           'point 0',
-    'plan.promised_slots': 'number of slots whose rates are promised; rates are means over these '
-                           'slots, `none` without any',
-    'plan.guaranteed_rate': 'its guaranteed rate, bit/s/Hz',
-    'plan.worst_case_rate': 'its worst-case rate, bit/s/Hz',
-    'plan.node_rate.<ground_node>': 'mean rate of a ground node by the objective, bit/s/Hz',
-    'plan.curve_rate': 'its guaranteed rate along the flown curve, bit/s/Hz',
-    'plan.bound': 'what no plan can exceed, bit/s/Hz, with the parameter `bound`',
-    'plan.claim': 'that bound in words',
-    'plan.uav_distance': 'smallest distance between any two UAVs, m; below 5 m without a '
-                         '`separation`, the level is WARN',
-    'plan.zone_distance': 'smallest distance of any UAV from a no-fly zone as given, m',
-    'plan.<which>_distance.beyond_margin': 'what is left of that distance if every UAV is off by '
-                                           '`tracking_margin`, m',
-    'plan.<which>_distance.between': 'which two come so close',
-    'plan.<which>_distance.time': 'when they do, s from point 0',
-    'plan.energy.<uav>': 'energy of the flight of a UAV by the model of its propulsion, J',
-    'plan.energy.<uav>.<part>': 'the part of it while `hovering`, or `flying`, J',
-    'plan.method': 'what made the plan',
-    'plan.objective': 'which rate that maximised',
-    'plan.status': 'why it stopped',
-    'plan.iterations': 'how many it took',
-    'plan.solve_time': 'how long it took, s',
-    'pose_age.<topic>': 'age of the last pose or odometry on a topic, s; `none` before the first',
-    'relay.<uav>': 'what becomes of the setpoints of a UAV by its relay: `passing`, `holding` '
-                   'the last place, `refused`, `disabled`, `silent` (no setpoints come), or '
-                   '`lost` if the relay has ceased to report; without a relay there is none',
-    'track.plan': 'identity of the plan that is flown, by the reports on `plan_time`; without any '
-                  'there is no `track`',
-    'track.time': 'progress of the flight, s from point 0',
-    'track.state': '`waiting`, `flying`, `held` or `ended`, with `, silent` after a second '
-                   'without a report',
-    'track.distance.<uav>': 'distance of a UAV from its plan when it was measured, m; `none` '
-                            'without odometry and poses. Beyond `track_tolerance` the level is '
-                            'WARN',
-    'track.rate': 'guaranteed rate so far where the UAVs really were, with the planned powers, '
-                  'of all ground nodes together, bit/s/Hz',
-    'track.planned_rate': 'the same where the plan had them',
-    'track.measured': 'share of the slots so far in which all UAVs were measured, over which both '
-                      'are means',
-}
-"""The meaning of each value of the status by its key."""
 
 
 class RequestOutcome(NamedTuple):
@@ -211,42 +155,48 @@ def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
         log.info(text)
 
 
-def status_values(state: State, progress: Iteration | None, is_solving: bool, poses: PoseBook,
-                  settings: Mapping[str, Any], now: float) -> dict[str, Any]:
-    """Return the values of the status by key; `progress` is that of a solve under way, or None."""
-    values: dict[str, Any] = {'state': 'solving' if is_solving else 'idle',
-                              'outcome.code': state.outcome.code, **state.counts}
-    if progress is not None:
-        values |= {
-            'progress.iteration': progress.number, 'progress.step': progress.step,
-            'progress.rate': progress.rate, 'progress.elapsed': progress.elapsed}
-    plan = state.plan
-    if plan is not None:
-        values |= {
-            'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
-            'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)}
-        if state.bound is not None:
-            values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
-    for name in (
-            *settings['ground_nodes'], *settings['eavesdroppers'], *settings['uavs']):
-        for topic in member_topics(name):
-            pose = poses.get(topic)
-            values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
-    return values
+def make_status(state: State, progress: Iteration | None, is_solving: bool,
+                problems: Sequence[object], now: float) -> PlannerStatus:
+    """
+    Return the status of the planner, without poses, relays and flight.
+
+    :param progress: last iteration of a solve under way, or None.
+    """
+    level, text = level_and_text(state.outcome, problems, progress)
+    return PlannerStatus(
+        level, text, 'solving' if is_solving else 'idle', OutcomeStatus(state.outcome.code),
+        **state.counts,
+        progress=ProgressStatus() if progress is None else ProgressStatus(
+            progress.number, progress.step, progress.rate, progress.elapsed),
+        plan=PlanStatus() if state.plan is None else plan_status(state.plan, state.bound, now))
 
 
-def plan_values(plan: Plan) -> dict[str, Any]:
-    """Return rates, clearances, energies and the solve of a plan by key of the status."""
-    promise = plan.promise
-    return {'plan.promised_slots': promise.slots,
-            'plan.guaranteed_rate': promise.guaranteed_rate, 'plan.curve_rate': promise.curve_rate,
-            **closest_approach_values(plan), **_energy_values(plan),
-            'plan.worst_case_rate': promise.worst_case_rate, **{
-                f'plan.node_rate.{name}': rate for name, rate in zip(
-                    plan.scenario.ground_node_names, promise.node_rates.tolist(), strict=True)},
-            'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
-            'plan.status': plan.status, 'plan.iterations': _iterations(plan),
-            'plan.solve_time': plan.solve_time}
+def plan_status(plan: Plan, bound: Bound | None, now: float) -> PlanStatus:
+    """Return what the status says of a plan at a time of the clock in s."""
+    promise, clearance, start_ns = plan.promise, plan.clearance, plan.start_ns or 0
+    until, last = plan.promised_until, float(plan.times[-1])
+    return PlanStatus(
+        identity=plan.identity, stamp=start_ns * 1e-9, age=now - start_ns * 1e-9,
+        promised_until=None if not plan.scenario.has_tracks else
+        last if until is None else min(until, last),
+        promised_slots=promise.slots, guaranteed_rate=promise.guaranteed_rate,
+        worst_case_rate=promise.worst_case_rate,
+        node_rate=dict(zip(
+            plan.scenario.ground_node_names, promise.node_rates.tolist(), strict=True)),
+        curve_rate=promise.curve_rate, bound=None if bound is None else bound.rate,
+        claim=None if bound is None else bound.claim(plan),
+        uav_distance=_approach_status(clearance.between_uavs, clearance.uavs_beyond_margin),
+        zone_distance=_approach_status(clearance.to_zones, clearance.zones_beyond_margin),
+        energy={uav.name: EnergyStatus(energy.total, energy.hovering, energy.flying)
+                for uav, energy in zip(plan.scenario.uavs, plan.energies, strict=True)
+                if energy is not None},
+        method=brief(plan.method, 60), objective=plan.objective, status=plan.status,
+        iterations=_iterations(plan), solve_time=plan.solve_time)
+
+
+def _approach_status(approach: Approach | None, beyond_margin: float) -> ApproachStatus:
+    return ApproachStatus() if approach is None else ApproachStatus(
+        approach.distance, beyond_margin, ', '.join(approach.names), approach.time)
 
 
 def closest_approach_text(plan: Plan) -> str:
@@ -259,29 +209,6 @@ def closest_approach_text(plan: Plan) -> str:
         texts.append(f'{zones.names[0]} comes within {zones.distance:.1f} m of {zones.names[1]}'
                      f'{left}')
     return '; '.join(filter(None, texts))
-
-
-def closest_approach_values(plan: Plan) -> dict[str, Any]:
-    """Return the smallest distances of a plan as values of the status by key."""
-    values: dict[str, Any] = {}
-    clearance = plan.clearance
-    for key, approach, left in (
-            ('uav_distance', clearance.between_uavs, clearance.uavs_beyond_margin),
-            ('zone_distance', clearance.to_zones, clearance.zones_beyond_margin)):
-        if approach is not None:
-            values |= {f'plan.{key}': approach.distance, f'plan.{key}.beyond_margin': left,
-                       f'plan.{key}.between': ', '.join(approach.names),
-                       f'plan.{key}.time': approach.time}
-    return values
-
-
-def _energy_values(plan: Plan) -> dict[str, float]:
-    """Return the energy of each UAV that has a propulsion in J by key."""
-    return {key: joules for uav, energy in zip(plan.scenario.uavs, plan.energies, strict=True)
-            if energy is not None for key, joules in (
-                (f'plan.energy.{uav.name}', energy.total),
-                (f'plan.energy.{uav.name}.hovering', energy.hovering),
-                (f'plan.energy.{uav.name}.flying', energy.flying))}
 
 
 def _iterations(plan: Plan) -> int:

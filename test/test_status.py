@@ -1,0 +1,72 @@
+"""The status of the planner on its way over DDS."""
+
+from dataclasses import fields, is_dataclass
+import math
+from typing import get_args, get_origin, get_type_hints
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from ros_client import values_of
+from secure_uav_planner.errors import OptionError
+from secure_uav_planner.ros.planner_status import list_keys, PlannerStatus, TrackStatus
+
+NAMES = st.from_regex('[a-z][a-z0-9_]{0,9}(/(pose|odom))?', fullmatch=True)
+# Six digits are sent.
+NUMBERS = st.floats(allow_infinity=False).map(lambda number: float(f'{number:.6g}'))
+
+
+def statuses_of(kind):
+    """Return a strategy of the values of a type."""
+    if is_dataclass(kind):
+        # A group is as it is by default, or has begun: then each of its values is sent.
+        hints = get_type_hints(kind)
+        return st.one_of(st.builds(kind), st.builds(kind, **{
+            entry.name: statuses_of(hints[entry.name]) for entry in fields(kind)}))
+    if get_origin(kind) is dict:
+        return st.dictionaries(NAMES, statuses_of(get_args(kind)[1]), max_size=3)
+    options = [option for option in get_args(kind) or [kind] if option is not type(None)]
+    values = {bytes: st.sampled_from([DiagnosticStatus.OK, DiagnosticStatus.ERROR]),
+              str: st.text(st.characters(exclude_categories=['Cs'], min_codepoint=1)),
+              int: st.integers(0, 10**6), float: NUMBERS}[options[0]]
+    return values if len(get_args(kind)) == 0 else st.one_of(st.none(), values)
+
+
+@given(statuses_of(PlannerStatus))
+def test_what_is_read_is_the_status_that_was_sent(status):
+    message = status.to_message('planner: plan')
+    sent = deserialize_message(serialize_message(message), DiagnosticStatus)
+    read = PlannerStatus.from_message(sent)
+    assert repr(read.to_message('planner: plan')) == repr(message)
+    if math.isfinite(status.plan.age):
+        assert read.plan.age == status.plan.age
+    assert (read.level, read.text, read.pose_age.keys(), read.relay, read.track.state) == (
+        status.level, status.text, status.pose_age.keys(), status.relay, status.track.state)
+
+
+def test_groups_that_have_not_begun_are_left_out_and_nan_is_none():
+    assert values_of(PlannerStatus(state='idle', pose_age={'eve/pose': math.nan}).to_message(
+        'planner: plan')) == {'state': 'idle', 'plans': '0', 'replans': '0', 'refusals': '0',
+                              'pose_age.eve/pose': 'none'}
+    track = values_of(PlannerStatus(track=TrackStatus('12345678', 3.0, 'flying')).to_message(''))
+    assert track['track.time'] == '3' and track['track.rate'] == 'none'
+    assert not any(key.startswith(('plan.', 'progress.')) for key in track)
+
+
+def test_each_key_has_a_meaning_of_its_own():
+    keys = [key for key, meaning in list_keys() if meaning]
+    assert len(keys) == len(set(keys)) > 40
+    assert {'plan.uav_distance', 'plan.zone_distance.beyond_margin', 'plan.energy.<uav>.flying',
+            'track.distance.<uav>', 'outcome.code'} <= {*keys}
+
+
+@pytest.mark.parametrize('values', [
+    {'plans': 'many'}, {'track.time': ''}, {'track.time.x': '1'}, {'plan.age..': '1'}])
+def test_what_is_no_status_is_refused_with_its_key_and_more_keys_are_not_used(values):
+    with pytest.raises(OptionError, match=r'(plans|track.time|plan.age) of the status is '):
+        PlannerStatus.from_message(DiagnosticStatus(
+            values=[KeyValue(key=key, value=value) for key, value in values.items()]))
+    more = DiagnosticStatus(values=[KeyValue(key='plan.new.value', value='5')])
+    assert PlannerStatus.from_message(more) == PlannerStatus(more.level, plan=PlannerStatus().plan)
