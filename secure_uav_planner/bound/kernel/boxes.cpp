@@ -24,20 +24,20 @@ using kernel::Terms;
 
 namespace {
 
-// Upper bounds of the maxima of functions of the same group, by levels of boxes.
+// Branch and bound, level by level of boxes, for the maxima of several functions of one group.
 class BranchAndBound {
 public:
     BranchAndBound(const Terms& terms, std::size_t group, double budget)
         : terms_(terms), group_(group), budget_(budget), parts_(terms.parts()) {}
 
-    // Add function k. Unless the budget ends, its bound will be at most the incumbent, or a larger
-    // value that it reaches, plus the tolerance.
+    // Add function k. If the budget suffices, its bound will be at most the tolerance plus the
+    // larger of the incumbent and the largest value that the search finds.
     void add(std::size_t k, double incumbent, double tolerance) {
         items_.push_back({functions_.size(), INFINITE});
         functions_.push_back({k, incumbent + tolerance, tolerance, -INFINITE, 0.0});
     }
 
-    // Find the bounds.
+    // Search, and replace the incumbents of the added functions by the bounds of their maxima.
     void search(Array<double>& best) {
         std::vector<Node> level{{terms_.bounding_box(group_), 0, items_.size()}};
         while (!level.empty()) {
@@ -102,9 +102,11 @@ private:
         if (next_items_.size() > begin) halve(box, cut, loosest, begin);
     }
 
-    // Halve a box along the side that makes the bound of function k, f there, largest.
+    // Halve a box along the side that contributes most to the bound of function k, whose expansion
+    // is f.
     void halve(const Box& box, std::size_t k, const Expansion& f, std::size_t begin) {
-        // Where terms cancel, or a box reaches beyond the set, their absolute values count.
+        // The score adds absolute curvatures, so that it also rises with curvatures that cancel and
+        // with negative ones where the box reaches beyond the set.
         double size[3] = {};
         for (std::size_t part = 0; part < terms_.parts(); ++part) {
             const Expansion& f = parts_[part];
@@ -123,7 +125,7 @@ private:
         }
         Node node{box, begin, next_items_.size()};
         const double width = box.half[side] / 2, middle = box.centre[side];
-        // A box may be narrower than the spacing of floats, to which it is widened.
+        // A half is widened to the spacing of floats, so that both halves cover the box.
         node.box.half[side] = width * (1 + BOX_ROUNDING) + 2e-16 * std::abs(middle);
         for (const int sign : {-1, 1}) {
             node.box.centre[side] = middle + sign * width;
@@ -136,11 +138,12 @@ private:
     double budget_;
     std::vector<Expansion> parts_;
     std::vector<Function> functions_;
-    std::vector<Item> items_, next_items_;  // Of this level of boxes, and of the next one.
+    std::vector<Item> items_, next_items_;  // Items of the present and of the next level.
     std::vector<Node> next_nodes_;
 };
 
-// Replace the incumbents of functions, all of the same group, by bounds of their maxima.
+// Replace the incumbents of functions by bounds of their maxima. All functions must be of one
+// group.
 void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buffer& incumbents,
                   const py::buffer& tolerance, double budget) {
     const Array<const std::int64_t> index(functions, "functions");

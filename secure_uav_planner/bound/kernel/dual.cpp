@@ -14,12 +14,13 @@ using kernel::count_entries;
 namespace {
 
 constexpr double NEGLIGIBLE = 1e-10;      // Weight of a column left out of the derivatives.
-constexpr double LEAST_LOG = -40.0;       // Logarithm of a weight left out of the value, too.
-constexpr std::size_t MOST_ENTRIES = 14;  // Of the potentials at both edges of a group.
+constexpr double LEAST_LOG = -40.0;       // Log weight of a column left out of the value as well.
+constexpr std::size_t MOST_ENTRIES = 14;  // Largest number of potentials at both edges of a group.
 
-// Columns of a UAV in G groups, C in each: see variables.py for their contents.
+// Columns of a UAV in G groups, C in each. pack_columns in columns.py makes the arguments.
 class Columns {
 public:
+    // Read the arrays and the layout of the potentials from the arguments.
     explicit Columns(const py::dict& args)
         : groups_(count_entries(args, "count")),
           columns_(count_entries(args, "ground") / std::max<std::size_t>(groups_, 1)),
@@ -39,7 +40,8 @@ public:
         kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
     }
 
-    // Evaluate all columns, and call `visit` for every group with the index of its best column.
+    // Evaluate all columns group by group, and call `visit` after each group with the group and the
+    // index of its best column.
     template <typename Visit>
     void evaluate(const Visit& visit) {
         values_.resize(columns_);
@@ -66,7 +68,8 @@ public:
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return values_; }
 
-    // Find the smoothed maximum of the group visited, and its derivatives unless they are null.
+    // Find the smoothed maximum of group g, for which `visit` has just been called. Fill its
+    // derivatives unless `slope` is null.
     double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const std::size_t e = eavesdroppers_, f = features_;
         const double top = values_[best];
@@ -110,7 +113,8 @@ public:
     }
 
 private:
-    // step / norm, the direction of u + S q, and delta / norm.
+    // The smoothed length |u + S q| at an edge, for derivatives: `factor` is the weight over the
+    // norm, (n0, n1) the direction, and `smoothing` is delta over the norm.
     struct Length {
         double factor, n0, n1, smoothing;
     };
@@ -121,7 +125,7 @@ private:
         std::copy(all, all + 5, phi);
     }
 
-    // Find the change of the potentials at a column, less the price of its power.
+    // Find the change of the potential in a slot at a column, minus the price of its power.
     double find_change(std::size_t g, std::size_t c) const {
         const std::size_t column = g * columns_ + c;
         const double *before = potential(g), *after = potential(g + 1);
@@ -131,7 +135,8 @@ private:
         return sum / count_[g] - price_ * power_[column];
     }
 
-    // Sum the lengths |u + S q| at a column, smoothed.
+    // Sum the smoothed lengths |u + S q + change of w| at both edges, with weights, for a column.
+    // Fill `terms` for the derivatives unless it is null.
     double sum_lengths(std::size_t g, std::size_t c, Length* terms) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
         const double *before = potential(g), *after = potential(g + 1);
@@ -180,7 +185,7 @@ private:
         }
     }
 
-    // Add the first derivatives of the lengths to row_ and the second to a Hessian.
+    // Add the first derivatives of the lengths to row_ and the second ones to a Hessian.
     void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
         Length own[2];
         sum_lengths(g, c, own);
@@ -223,6 +228,7 @@ private:
     std::vector<double> values_, row_;
 };
 
+// Fill the smoothed maximum of each group, with derivatives unless `slope` is empty; see core.pyi.
 void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buffer& slope,
                    const py::buffer& hessian) {
     Columns columns(args);
@@ -238,6 +244,7 @@ void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buff
     });
 }
 
+// Fill the values of all columns; see core.pyi.
 void evaluate_columns(const py::dict& args, const py::buffer& values) {
     Columns columns(args);
     const Array<double> written(values, "values", columns.groups() * columns.columns());

@@ -1,6 +1,7 @@
 // The places that a UAV can reach in every group of slots; see bound/proof/reachable_set.py.
 //
-// It is kept out of what it cannot reach by two discs: about its start (0, 0), and about its goal.
+// A reachable set is the intersection of two discs, about the start (0, 0) and about the goal,
+// minus the places that detours exclude.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -16,18 +17,18 @@
 
 namespace kernel {
 
-constexpr double BOX_ROUNDING = 1e-14;  // Share by which the halves of a box are widened.
+constexpr double BOX_ROUNDING = 1e-14;  // Fraction by which the halves of a box are widened.
 
 struct Box {
     double centre[3], half[3];
-    bool meets_set;        // False only if it misses the reachable set.
+    bool meets_set;        // False only if the box misses the reachable set.
     bool centre_in_set;
-    bool leaves_disc[2];   // Whether it reaches beyond the discs about start and goal.
+    bool leaves_disc[2];   // Whether the box reaches beyond the discs about start and goal.
 };
 
 inline double positive_part(double x) { return x > 0 ? x : 0; }
 
-// Lemma 9: the places that a UAV reaches in time around what it may not enter; see detours.py.
+// Lemma 9: the places that a UAV can reach in time around zones and fence; see detours.py.
 class Detours {
 public:
     Detours(const py::buffer& low, const py::buffer& size, const py::buffer& lengths)
@@ -36,7 +37,8 @@ public:
         expect(side_ && lengths_.size() == 2 * side_ * side_, "lengths");
     }
 
-    // True if a UAV may be in a rectangle, at most `near` from its start and `far` from its goal.
+    // True if a UAV may be in a rectangle with a path of at most `near` from its start and a path
+    // of at most `far` to its goal. False only if it cannot.
     bool reaches(const double* low, const double* high, double near, double far) const {
         double first[2], last[2];
         for (int i = 0; i < 2; ++i) {
@@ -59,7 +61,8 @@ private:
     std::size_t side_;
 };
 
-// The part that two discs share in each of G groups, less what detours leave out.
+// The reachable set of a UAV in each of G groups: the intersection of two discs, minus the places
+// that detours exclude.
 class ReachableSet {
 public:
     ReachableSet(double distance, const py::buffer& from_start, const py::buffer& to_goal,
@@ -76,7 +79,7 @@ public:
     double low(std::size_t group, int axis) const { return low_[2 * group + axis]; }
     double high(std::size_t group, int axis) const { return high_[2 * group + axis]; }
 
-    // Find where a box is.
+    // Set the flags of a box: whether it meets the reachable set, and leaves the discs.
     void locate(std::size_t group, Box& box) const {
         box.meets_set = meets_set(box, group);
         box.centre_in_set = contains(box.centre, group);
@@ -84,7 +87,7 @@ public:
         box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
     }
 
-    // The largest ga x + gb y in the set: ReachableSet.corner derives it (lemma 6).
+    // An upper bound of ga x + gb y in the two discs; ReachableSet.corner derives it (lemma 6).
     double support(double ga, double gb, std::size_t group) const {
         const double near = from_start_[group], far = to_goal_[group];
         const double along = corner_[2 * group], across = corner_[2 * group + 1];
@@ -101,12 +104,13 @@ public:
         return best;
     }
 
-    // Change slope and second derivatives for a box on the rim; return what is added to the value.
+    // Add multiples of the discs' functions to a function over a box on the rim. Change the
+    // function's slope and second derivatives; return the change of its value at the centre.
     //
-    // In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any a >= 0
-    // it may be added a times to a function before that is bounded. With a the slope's part along
-    // q - c, that slope vanishes, and a / R is subtracted from the second derivative: what is left
-    // is second order near a maximum on the rim, too.
+    // In a disc of radius R about c the function (R^2 - |q - c|^2) / (2 R) is not negative, so any
+    // multiple a >= 0 may be added to a function before it is bounded. If a is the slope's part
+    // along q - c, the slope across the rim vanishes, and a / R is subtracted from the second
+    // derivatives. Near a maximum on the rim the remaining terms are of second order.
     double add_disc_multiplier(const Box& box, double* slope, double* curvature,
                                std::size_t group) const {
         const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
@@ -115,7 +119,7 @@ public:
         bool active[2];
         for (int i = 0; i < 2; ++i) {
             far[i] = std::sqrt(x[i] * x[i] + y * y);
-            // Near the middle of a disc the direction from its centre means nothing.
+            // Near the centre of a disc the direction from the centre says nothing about the rim.
             active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
             na[i] = x[i] / std::max(far[i], TINY);
             nb[i] = y / std::max(far[i], TINY);
@@ -161,6 +165,7 @@ private:
                && (!detours_ || detours_->reaches(low, high, near, far));
     }
 
+    // Whether a place is in the reachable set of a group.
     bool contains(const double* place, std::size_t group) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
         const double near = from_start_[group], far = to_goal_[group];

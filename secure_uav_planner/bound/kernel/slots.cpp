@@ -1,9 +1,10 @@
 // The multipliers v of the certificate: the bound of a slot on columns, minimised over v at a w0.
 //
-// It is m(w0 - s) - H(v) + sum over UAVs of the largest base + w0 ground + v . leaks, convex in v;
-// see bound/proof/certificate.py. It is minimised along one direction after the other: the sum of
-// v, and what one place of an eavesdropper gives another. Along a direction only the columns in a
-// list count, which the best columns at the present v join before every sweep.
+// The bound is m(w0 - s) - H(v) + sum over UAVs of the largest base + w0 ground + v . leaks, which
+// is convex in v; see bound/proof/certificate.py. It is minimised along one direction after the
+// other: along v itself, and from one eavesdropper's place to another's. Along a direction the
+// largest is taken over a list of columns only. Before every sweep over the directions, the best
+// columns at the present v are added to this list.
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
@@ -22,25 +23,25 @@ using kernel::TINY;
 
 namespace {
 
-constexpr int SWEEPS = 4;            // Over all directions.
+constexpr int SWEEPS = 4;            // Number of sweeps over all directions.
 constexpr int LINE_STEPS = 20;       // Golden sections along a direction.
-constexpr std::size_t JOINING = 60;  // Columns of a UAV that join its list before a sweep.
+constexpr std::size_t JOINING = 60;  // Columns that join a UAV's list before a sweep.
 
-// The term of an entropy.
+// -share log(share), a term of an entropy.
 double find_entropy(double share) {
     share = std::min(std::max(share, 0.0), 1.0);
     return -share * std::log(std::max(share, TINY));
 }
 
-// The bound of one slot at one w0. `listeners` has the listener of every place, `price` and `peak`
-// are those of the transmit power.
+// The bound of one slot at one w0. `listeners` has the listener of every place. `price` and `peak`
+// are the price and the peak of the transmit power.
 class SlotBound {
 public:
     SlotBound(std::vector<std::size_t> listeners, double price, double peak)
         : listeners_(std::move(listeners)), price_(price), peak_(peak),
           totals_(listeners_.size()), v_(listeners_.size()) {}
 
-    // Begin with another slot, without columns.
+    // Begin with another slot, at another w0 (`weight`), without columns.
     void begin(double weight, std::size_t uavs) {
         weight_ = weight;
         uavs_.resize(uavs);
@@ -50,12 +51,12 @@ public:
         }
     }
 
-    // Add a column of a UAV by its value without v and its factors of v.
+    // Add a column of a UAV: its value without v, and its factors of v (`leaks`).
     void add(std::size_t uav, double value, const double* leaks) {
         uavs_[uav].columns.push_back({value, leaks});
     }
 
-    // Minimise over v, from a given v on.
+    // Minimise the bound approximately, beginning at v, and replace v by the result.
     void minimise(double* v) {
         const std::size_t count = listeners_.size();
         std::vector<double> direction(count);
@@ -102,7 +103,8 @@ private:
         const double* leaks;
     };
 
-    // All columns of a UAV, those that count along a direction, and their values and slopes there.
+    // All columns of a UAV; the list of columns that are used along a direction; and the values and
+    // slopes of this list along the present direction.
     struct Uav {
         std::vector<Column> columns, list;
         std::vector<std::pair<double, double>> line;
@@ -114,7 +116,7 @@ private:
         return sum;
     }
 
-    // Let the best columns at v join a UAV's list.
+    // Add the best columns at v to a UAV's list.
     void extend(Uav& uav, const double* v) {
         order_.clear();
         for (std::size_t c = 0; c < uav.columns.size(); ++c)
@@ -125,7 +127,7 @@ private:
             uav.list.push_back(uav.columns[order_[i].second]);
     }
 
-    // Minimise over the sum of v, with the same shares.
+    // Minimise over the sum of v, with the places' shares of this sum unchanged.
     void scale(double* v) {
         double sum = 0.0;
         for (std::size_t e = 0; e < listeners_.size(); ++e) sum += v[e];
@@ -197,6 +199,7 @@ struct Columns {
     std::size_t groups, count;
 };
 
+// Minimise the bound of every row of w0 and cell over v; see core.pyi for the arguments.
 void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners, double price,
                           double peak, const py::buffer& group, const py::buffer& low,
                           const py::buffer& high, const py::buffer& weights, const py::buffer& v,
@@ -229,7 +232,7 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
             const std::size_t first = std::size_t(groups[cell]) * own.count;
             for (std::size_t c = first; c < first + own.count; ++c) {
                 const double* q = &own.place[2 * c];
-                // The cells are those of the last UAV.
+                // Only the last UAV's columns are restricted to a cell.
                 if (uav + 1 < columns.size()
                     || (q[0] >= a[0] && q[0] <= b[0] && q[1] >= a[1] && q[1] <= b[1]))
                     bound.add(uav, own.base[c] + w0[row] * own.ground[c], &own.leaks[c * places]);

@@ -1,14 +1,15 @@
 // Lemma 5 of bound/proof: the largest value of one UAV's term, by branch and bound.
 //
-// proof/terms.py says what is bounded and what its arrays hold; relaxation.py what the margins cover.
+// proof/terms.py says what is bounded and describes the arrays. proof/relaxation.py derives the
+// margins.
 //
-// On a box with centre m a function F is at most F(m) + grad F(m) . dq + K |dq|^2 / 2, K being at
-// least every second derivative in the box, negative where it can be. With q = d^2 + H^2 at a
-// distance d from a receiver, the eigenvalues of the second derivatives are
+// On a box with centre m a function F is at most F(m) + grad F(m) . dq + K |dq|^2 / 2, where K is
+// at least every second derivative in the box; K may be negative. With q = d^2 + H^2 at a distance
+// d from a receiver, the eigenvalues of the second derivatives are
 //
-//     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius, which
-//                                  is larger,
-//     of log q:                    those with the other sign, at most 2 / q,
+//     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius; the
+//                                  second is larger,
+//     of log q:                    the same with the other sign, at most 2 / q,
 //     of -log((d + eps)^2 + H^2):  at most 2 (x^2 - H^2) / (x^2 + H^2)^2, x = d + eps; its kink
 //                                  at d = 0 points upwards, so any supergradient serves there.
 //
@@ -17,12 +18,17 @@
 // centre, with [d - eps]+ for d, serves for K over every box.
 //
 // A jammer's term is taken in pi = log p, with y = p b(q) and z = log y, so that
-// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G
-// being the largest gradient of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above,
-// with the largest phi' where that is positive and the smallest where it is not. -w0 phi(z0) adds
-// at most w0 phi'(z0) 2 / q and subtracts the least w0 phi'' times (dpi + g . dq)^2, |g| <= G,
-// which for any 0 < t <= 1 is at least (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2: t = G rho / width
-// leaves the most, where that is below 1. -lam e^pi adds no more than -lam times its least value.
+// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. The second derivatives of the terms are:
+//
+//     v phi(z_e):   v phi'' (|dpi| + G |dq|)^2, where G = 2 x / (x^2 + H^2) is the largest slope
+//                   of z_e, plus v phi' times the eigenvalue above. phi' is the largest if the
+//                   eigenvalue is positive, and otherwise the smallest.
+//     -w0 phi(z0):  at most w0 phi'(z0) 2 / q, minus the least w0 phi'' times (dpi + g . dq)^2
+//                   with |g| <= G. For any 0 < t <= 1 this square is at least
+//                   (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2. If t = G rho / width is below 1, it
+//                   gives the best bound.
+//     -lam e^pi:    at most -lam times the least e^pi.
+//
 // Every factor is taken at the end of its range over the box where it is largest.
 //
 // The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
@@ -75,7 +81,7 @@ inline double max_radial_curvature(double low, double high, double altitude) {
     return 2 * (x2 - square) / (q * q);
 }
 
-// The largest gradient 2 x / (x^2 + H^2) of log(x^2 + H^2) for low <= x <= high.
+// The largest slope 2 x / (x^2 + H^2) of log(x^2 + H^2) for low <= x <= high.
 inline double max_gradient(double low, double high, double altitude) {
     const double x = std::min(std::max(altitude, low), high);
     return 2 * x / (x * x + altitude * altitude);
@@ -99,9 +105,10 @@ struct Links {
     const Array<const double> ground, places, radii, log_advantages;
 };
 
-// The functions of one UAV that terms.py describes.
+// Functions of one UAV's place and power over cells of its reachable set; see proof/terms.py.
 class Terms {
 public:
+    // Read the arrays that proof/terms.py describes; `group` is the cell of each function.
     Terms(std::shared_ptr<const ReachableSet> region, std::shared_ptr<const Links> links,
           const py::buffer& group, const py::buffer& weight, const py::buffer& v,
           const py::buffer& slope, const py::buffer& curvature, const py::buffer& speed_cost,
@@ -123,7 +130,7 @@ public:
     std::size_t parts() const { return eavesdroppers_ + 2; }
     int dimensions() const { return powers_ ? 3 : 2; }
 
-    // The weight of an expansion in function k.
+    // The weight in function k of expansion `part`: w0, then v of each eavesdropper, then 1.
     double factor(std::size_t k, std::size_t part) const {
         return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
                          : v_[k * eavesdroppers_ + part - 1];
@@ -175,13 +182,16 @@ public:
         return f;
     }
 
-    // An upper bound of function f in a box. If a loose bound is below `enough`, it is returned.
+    // An upper bound in a box of the function whose expansion is f. A loose bound is returned if it
+    // is at most `enough`. Otherwise the part in the plane is the least of three bounds: `plane`
+    // over the box, `whole` with the linear part bounded over the two discs, and `rim` with
+    // multiples of the discs' functions added.
     double bound(std::size_t group, const Box& box, const Expansion& f, double enough) const {
         const double ha = box.half[0], hb = box.half[1], width = box.half[2];
         const double base =
             f.value + f.rest + (powers_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
         double plane = max_quadratic(f.ga, f.ka, -ha, ha) + max_quadratic(f.gb, f.kb, -hb, hb);
-        // Inside both discs, the reachable set gives no tighter bound than the box.
+        // A box inside both discs cannot be bounded better by the discs.
         if ((box.leaves_disc[0] || box.leaves_disc[1]) && !(base + plane <= enough)) {
             const double whole = region_->support(f.ga, f.gb, group)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
@@ -196,6 +206,7 @@ public:
     }
 
 private:
+    // Fill the expansions of log gains of the transmitter's links in a box of half diagonal rho.
     void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
         const double square = links_->altitude * links_->altitude;
         const double da = box.centre[0] - links_->ground[0];
@@ -219,6 +230,8 @@ private:
         }
     }
 
+    // Fill the expansions of -phi(z0), phi(z_e) and the price of power in a box, by pi = log p;
+    // rho is half the box's diagonal in the plane.
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
         const double watts = std::exp(box.centre[2]), more = std::exp(width);
@@ -260,7 +273,8 @@ private:
             const double least = gain / more / (high * high + square);
             const double phi2_max = softplus_curvature(std::min(std::max(least, 1.0), top));
             const double grad_max = max_gradient(low, high, links_->altitude);
-            // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
+            // The product 2 G |dpi| |dq| of (|dpi| + G |dq|)^2 is bounded by multiples of |dpi|^2
+            // and |dq|^2.
             const double plane = phi2_max * grad_max * (grad_max + width / std::max(rho, TINY));
             const double curvature_max = max_radial_curvature(low, high, links_->altitude);
             const double at = curvature_max > 0 ? top : least;
@@ -273,7 +287,7 @@ private:
         power_cost.kp = -cost / more;
     }
 
-    // Add the potential and the margin.
+    // Add the expansion of the potential, and the margin for rounding.
     void add_potential(std::size_t group, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
         const double *u = &slope_[2 * group], *s = &curvature_[3 * group];

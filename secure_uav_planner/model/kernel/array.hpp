@@ -12,12 +12,13 @@ namespace kernel {
 
 namespace py = pybind11;
 
-// Check an argument, so that nothing is read beyond an array.
+// Throw std::invalid_argument, which names an argument, unless the argument is valid.
 inline void expect(bool valid, const char* name) {
     if (!valid) throw std::invalid_argument(std::string("wrong array: ") + name);
 }
 
-// A contiguous array of Python's, kept as long as this is; of a const T if it is only read.
+// A contiguous array of Python's, which is kept alive with this object. T is const if the array is
+// only read.
 template <typename T>
 class Array {
 public:
@@ -57,7 +58,7 @@ inline std::size_t count_entries(const py::dict& args, const char* name) {
     return count_entries(args[name].cast<py::buffer>());
 }
 
-// Copy an array, or that of a dict's with its name.
+// Copy an array of `size` numbers: a buffer, or the entry `name` of a dict.
 template <typename Source>
 std::vector<double> copy_reals(const Source& source, const char* name, std::size_t size) {
     const Array<const double> array(source, name, size);
@@ -70,7 +71,7 @@ std::vector<char> copy_flags(const Source& source, const char* name, std::size_t
     return std::vector<char>(array.data(), array.data() + size);
 }
 
-// Let Ctrl-C end what runs without the interpreter's lock.
+// Throw if Ctrl-C was pressed. Called now and then by code without the interpreter's lock.
 inline void check_signals() {
     const py::gil_scoped_acquire acquire;
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();

@@ -1,6 +1,8 @@
-// The slacks c > 0 of a BarrierProblem and their duals: of its limits and, behind them, of the
-// peaks of powers, of average powers and of shares. Each has the barrier term -mu log c, that of
-// an average power N times as much.
+// The slacks c > 0 of a BarrierProblem and their duals.
+//
+// The kinds of slacks, in this order: one kind for each limit, peaks of powers, average powers,
+// and shares. A slack has the barrier term -mu log c; the slack of an average power has
+// -N mu log c.
 #pragma once
 
 #include <algorithm>
@@ -12,9 +14,9 @@
 
 namespace kernel {
 
-constexpr double DUAL_RANGE = 1e4;  // How far a dual may leave its central value, as a factor.
+constexpr double DUAL_RANGE = 1e4;  // Largest ratio of a dual to its central value mu / c.
 
-// For a number of UAVs that is known when compiling, or for any (UAVS = 0).
+// UAVS is the number of UAVs if it is known when compiling, or 0 for any number.
 template <int UAVS>
 class Constraints {
 public:
@@ -24,9 +26,9 @@ public:
         for (const auto& limit : p_.limits) have_lines = have_lines || limit->has_lines();
     }
 
-    bool have_lines = false;  // Whether any limits have.
+    bool have_lines = false;  // Whether any limit chooses lines before every step.
 
-    // Choose lines at x, for its evaluation and those of the line search from there.
+    // Choose lines at x. The evaluation `here` at x and the trials of the line search share them.
     void choose_lines(const double* x, Evaluation& here, Evaluation& trial) {
         here.slacks.resize(kinds_);
         trial.slacks.resize(kinds_);
@@ -37,7 +39,8 @@ public:
         }
     }
 
-    // Find all slacks at an x, and the barrier function, of which the objective is given.
+    // Find all slacks at an x and the barrier function's value. `objective` is the value's part
+    // without barrier terms.
     void evaluate(const double* x, const double* shares, double objective, double mu,
                   Evaluation& here) {
         p_.fill_path(x, path_);
@@ -63,7 +66,8 @@ public:
         evaluate_lines(mu, here);
     }
 
-    // Find the slacks of lines on the last path, and the barrier function.
+    // Find the slacks of limits with lines on the path of the last evaluate, and the barrier
+    // function's value.
     void evaluate_lines(double mu, Evaluation& here) const {
         LogSum sum;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -72,6 +76,7 @@ public:
         here.value = std::isfinite(value) ? value : INFINITE;
     }
 
+    // Add the gradient of all barrier terms by x and by the shares.
     void add_gradient(const Evaluation& here, double mu, double* gradient) const {
         for (std::size_t l = 0; l < limits_; ++l)
             p_.limits[l]->add_gradient(here.slacks[l], mu, gradient);
@@ -86,7 +91,8 @@ public:
         });
     }
 
-    // Add the curvature in x, but that of average powers, to the band.
+    // Add the curvature in x to the band. The average powers' curvature is not a band; see
+    // mean_ratio.
     void add_curvature(const Iterate& iterate, const Band& band) const {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
@@ -98,11 +104,12 @@ public:
         for (std::size_t l = 0; l < limits_; ++l)
             p_.limits[l]->add_curvature(slacks[l], iterate.duals[l], band);
     }
-    // That of an average power adds the outer product of its row, divided by this ratio,
+    // The average power of UAV u adds the outer product of its row, divided by this ratio, to the
+    // Hessian.
     double mean_ratio(const Iterate& iterate, int u) const {
         return iterate.evaluation.slacks[means_].values[u] / iterate.duals[means_][u];
     }
-    // and that of a share is this.
+    // The curvature that the limit share > 0 of share i adds.
     double share_curvature(const Iterate& iterate, std::size_t i) const {
         return iterate.duals.back()[i] / iterate.shares[i];
     }
@@ -130,8 +137,8 @@ public:
     }
     const Reals& share_slopes() const { return slopes_.back().values; }
 
-    // Find how far the limits let every UAV's flight go along the step; return the least of these
-    // and of the step lengths of powers and shares.
+    // Find the largest step length of each UAV's flight within the limits. Return the least of
+    // these lengths and of the step lengths of powers and shares.
     double limit_lengths(const Iterate& iterate, const double* step, Reals& lengths) const {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         std::fill(lengths.begin(), lengths.end(), 1.0);
@@ -148,7 +155,7 @@ public:
         return least;
     }
 
-    // Set the duals to their central values.
+    // Set the duals to their central values mu / c.
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
@@ -156,7 +163,7 @@ public:
         }
     }
 
-    // Find the Newton step of the duals, and lower its length so that they stay positive.
+    // Find the Newton step of the duals, and lower its `length` so that they stay positive.
     void find_dual_changes(const Iterate& iterate, double mu, double& length) {
         for (std::size_t l = 0; l < kinds_; ++l) {
             const Reals &duals = iterate.duals[l], &slacks = iterate.evaluation.slacks[l].values;
@@ -170,13 +177,14 @@ public:
         }
     }
 
+    // Move the duals along their Newton step.
     void move_duals(Iterate& iterate, double length) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i)
                 iterate.duals[l][i] += length * dual_changes_[l][i];
     }
 
-    // Keep the duals near their central values.
+    // Keep the duals within a factor DUAL_RANGE of their central values.
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {
@@ -189,7 +197,7 @@ public:
 private:
     bool has_lines(std::size_t limit) const { return p_.limits[limit]->has_lines(); }
 
-    // Call a function with every power, 3 i in x, and its UAV.
+    // Call a function for every power with an index i and the UAV; the power's index in x is 3 i.
     template <typename Function>
     void for_powers(Function function) const {
         const int U = UAVS ? UAVS : p_.uavs;
@@ -197,8 +205,8 @@ private:
             for (int u = 0; u < U; ++u) function(n * U + u, u);
     }
 
-    // Call a function with every share that varies, as a variable and among all, (N, G), and with
-    // the first of its slot.
+    // Call a function for every share that varies with three indices: of its variable, of the
+    // share among all shares (N, G), and of the first share of its slot.
     template <typename Function>
     void for_shares(Function function) const {
         std::size_t i = p_.slots * p_.uavs * 3;
@@ -207,21 +215,23 @@ private:
                 function(i++, n * p_.nodes() + k, n * p_.nodes());
     }
 
+    // The factor of -log c in the barrier term of a kind of slacks.
     double weigh(std::size_t kind, double mu) const {
         return kind == means_ ? double(p_.slots) * mu : mu;
     }
 
+    // Find the slacks of a limit on the last path, and add their logarithms to a sum.
     void add_limit(std::size_t limit, Evaluation& here, LogSum& sum) const {
         p_.limits[limit]->find_slacks(path_.data(), here.slacks[limit]);
         for (const double slack : here.slacks[limit].values) sum.add(slack);
     }
 
     const BarrierProblem& p_;
-    const std::size_t limits_, means_, kinds_;  // Kinds of slacks: limits, peaks, means, shares.
+    const std::size_t limits_, means_, kinds_;  // Numbers: of limits, of the kind means, of kinds.
     Reals path_;
-    std::vector<Slacks> slopes_;       // Of all kinds,
-    std::vector<LineSet> line_sets_;   // of every Limit, for this step,
-    std::vector<Reals> dual_changes_;  // of all kinds.
+    std::vector<Slacks> slopes_;       // Slopes of the slacks of every kind along the step.
+    std::vector<LineSet> line_sets_;   // Lines of every Limit for this step.
+    std::vector<Reals> dual_changes_;  // Newton step of the duals of every kind.
 };
 
 }  // namespace kernel

@@ -2,8 +2,8 @@
 The compiled kernel as Python sees it.
 
 Arrays are contiguous, of float64 unless a type is given, and are read as they are: a wrong type,
-shape or layout is a ValueError. Those that a function fills are its last arguments. Lengths and
-powers are in the units of a Grid but in Discs, where they are in m and W; rates are in nats
+shape or layout is a ValueError. The last arguments of a function are the arrays that it fills.
+Lengths and powers are in the units of a Grid; in Discs they are in m and W. Rates are in nats
 unless stated.
 
 Letters: N slots, M = N + 2 points, U UAVs, K receivers (the G ground nodes first), E
@@ -22,25 +22,41 @@ Flags = NDArray[np.bool_]
 Arguments = Mapping[str, Any]
 
 TOLERANCE: float
-"""How far in bit/s/Hz a proven leak may lie above the largest of the search."""
+"""Excess [bit/s/Hz] of a proven leak over the largest leak found that a proof may end with."""
 
 class LinkGains:
-    """The gains of K U links over the noise power; link k U + u is from UAV u to receiver k."""
+    """Gains over the noise power of K U links; link k U + u is from UAV u to receiver k."""
 
     def gain(self, link: int, squared: float) -> tuple[float, float, float, float]:
-        """Return the gain twice, and its first and second derivative by the squared distance."""
+        """
+        Return gain and derivatives at a squared distance: for tests.
+
+        :return: the gain without and with derivatives, its first and its second derivative.
+        """
 
 class FreeSpace(LinkGains):
     def __init__(self, snr: Array, squared_altitudes: Array) -> None:
-        """Make it from SNRs at unit distance and unit power, (K, U), and H^2, (K, U)."""
+        """Make FreeSpace from SNRs at unit distance and power, (K, U), and H^2, (K, U)."""
 
 class PathLoss(LinkGains):
     def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, steepness: Array,
                  shift: Array, exponent: float, quantile: bool) -> None:
-        """Make it as FreeSpace; kappa, 1 in line of sight, steepness per degree, shift (K, U)."""
+        """
+        Make PathLoss from SNRs and H^2 as for FreeSpace, and parameters of its line of sight.
+
+        :param losses: kappa, (K, U); 1 for links that always have a line of sight.
+        :param steepness: per degree of elevation, (K, U).
+        :param shift: (K, U).
+        :param exponent: exponent of the path loss.
+        :param quantile: whether the gain is a quantile instead of a mean.
+        """
 
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
-        """Return bounds of the first three derivatives of log gain between two distances."""
+        """
+        Return upper bounds of the first three derivatives' sizes of log gain along any line.
+
+        They hold between the distances `near` and `far`, and are infinite with a kink in between.
+        """
 
 class Vectors:
     """I vectors of flights, each a weighted sum of T points and a constant."""
@@ -48,58 +64,65 @@ class Vectors:
     def __init__(self, varies: Flags, points: Indices, weights: Array, constants: Array,
                  differences: bool) -> None:
         """
-        Make them.
+        Make I vectors from the points, weights and constant of each.
 
-        :param varies: which points vary, (M, U), neither first ones nor last ones.
-        :param points: U n + u of point n of UAV u, (I, T).
-        :param weights: (I, T).
-        :param constants: (I, 2).
-        :param differences: whether the weights of each vector add up to 0.
+        :param varies: which points vary, (M, U); first and last points must not.
+        :param points: index U n + u of each point n of UAV u, (I, T).
+        :param weights: weights of the points, (I, T).
+        :param constants: constants of the vectors, (I, 2).
+        :param differences: whether the weights of each UAV in each vector add up to 0.
         """
 
 class Limit:
     """A limit c > 0 on flights, for `InteriorPointSolver`."""
 
     def __init__(self, vectors: Vectors, ignored: Flags, squares: Array) -> None:
-        """Make c = 1 - |d|^2 / r^2 of vectors d; the flags and the squares r^2 are (I,)."""
+        """
+        Make the limit c = 1 - |d|^2 / r^2 of I vectors d.
+
+        :param ignored: whether each vector is not limited, (I,).
+        :param squares: r^2 of each vector, (I,).
+        """
 
     def evaluate(self, path: Array, moves: Array) -> dict[str, Any]:
         """
         Return all that Newton's method asks of the limit: for tests.
 
         :param path: points with start and goal, (M, U, 2).
-        :param moves: of the points along a step, (M, U, 2).
-        :return: `slacks` c and their `slopes` along the step; step `lengths`, (U,); the `gradient`
-            of -sum log c, (N, U, 3), and its Hessian's `band` by columns, each from the diagonal
-            down, of this `height`; whether lines limit moves, `limits_moves`.
+        :param moves: moves of the points along a step, (M, U, 2).
+        :return: a dictionary: `slacks` c and their `slopes` along the step; step `lengths`, (U,);
+            `gradient` of -sum log c, (N, U, 3), and `band` of its Hessian, column by column from
+            the diagonal down, with `height` entries in a column; `limits_moves`, whether lines
+            limit moves.
         """
 
 class EnergyCost:
     def __init__(self, moves: Vectors, weights: Array, terms: Array) -> None:
-        """Make it from moves and weights, (U, S), and the numbers of PowerTerms, (U, 4)."""
+        """Make it from moves (U, S), weights (U, S) and four numbers of PowerTerms (U, 4)."""
 
 class LineLimit(Limit):
     """
-    A limit c = normal . p - offset of control points p (M, G, K), but for those that are ignored.
+    A limit c = normal . p - offset of control points p, (M, G, K).
 
     There are M pieces of K points for each of G pairs of a UAV and an obstacle, or of two UAVs.
+    Ignored control points are not limited.
     """
 
     def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
-        """Choose for a path (M, U, 2) the normals (M, G, 2) and offsets (M, G) of lines."""
+        """Fill the normals (M, G, 2) and offsets (M, G) of lines for a path (M, U, 2)."""
 
 class ZoneLimit(LineLimit):
     def __init__(self, control_points: Vectors, ignored: Flags, polygons: Array) -> None:
-        """Make it with polygons (A, Z, V, 2), for A UAVs Z of V vertices each."""
+        """Make it with Z polygons of V vertices for each of A UAVs, (A, Z, V, 2)."""
 
 class SeparationLimit(LineLimit):
     def __init__(self, control_points: Vectors, ignored: Flags, radii: Array) -> None:
-        """Make it with the radii of the discs to stay out of, (G,)."""
+        """Make it with the radius of each pair's disc, which the pair stays out of, (G,)."""
 
 class FenceLimit(LineLimit):
     def __init__(self, control_points: Vectors, ignored: Flags, normals: Array,
                  offsets: Array) -> None:
-        """Make it with the normals (G, 2) and offsets (G,) of sides."""
+        """Make it with the normals (G, 2) and offsets (G,) of the fence's sides."""
 
 class InteriorPointSolver:
     def __init__(self, arguments: Arguments, x: Array, shares: Array, mu: Array,
@@ -108,54 +131,59 @@ class InteriorPointSolver:
         Make Newton's method on a barrier function, for starts that it changes in place.
 
         :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
-            Limit), `gains`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
-            (U,), `weights` of the ground nodes and `offsets` of their mean rates in nats (G,),
-            `positions` of the receivers, as in a Grid's Receivers, (N, K, 2), their `radii`, which
-            the guarantee adds to distances, (N, K), the list of `listeners`, and `places`, None
-            for (P2), or with `followed`, whether they move along with the UAVs, (N, E P), their
-            `offsets` from the centres (N, E P, 2) and the discs' `radii` (N, E P); and `energy`,
-            an EnergyCost, or None.
+            Limit), `gains`, `starts` and `goals` (U, 2), `fixed` (whether each UAV's positions
+            stay, (U,)), `peaks` of power (U,), `weights` of the ground nodes and `offsets` of
+            their mean rates in nats (G,), `positions` of the receivers, as in a Grid's Receivers,
+            (N, K, 2), their `radii`, which the guarantee adds to distances, (N, K), `listeners`
+            (list of indices of ground nodes), `energy` (an EnergyCost, or None), and `places`.
+            `places` is None for (P2), and for (P1) a dictionary: `followed`, whether each place
+            moves along with the UAVs, (N, E P), `offsets` of the places from the centres of their
+            discs (N, E P, 2) and the discs' `radii` (N, E P).
         :param x: powers and positions, (S, N, U, 3).
         :param shares: filled with shares of the slots for the ground nodes, (S, N, G).
         :param mu: barrier parameters in units of rates, (S,).
-        :param finished: set where a start has converged or stalled, (S,).
+        :param finished: set to True when a start has converged or stalled, (S,).
         """
 
     def advance(self, steps: int, final: float, raise_if_over: Callable[[], None]
                 ) -> tuple[int, int]:
         """
-        Take up to `steps` steps from all starts, fewer where they are long.
+        Take `steps` steps from all starts, or fewer if steps are expensive.
 
         :param final: the barrier parameter at which a start may finish.
         :param raise_if_over: called now and then; if it raises, starts that have not yet stepped
             are left unchanged.
-        :return: the number of steps, and of the starts that failed in the worst of them.
+        :return: the number of steps, and the largest number of starts that failed in one step.
         """
 
     def evaluate_rates(self, rates: Array) -> None:
-        """Fill the least means over weights, losing slots silenced, (S,)."""
+        """Fill each start's least weighted mean rate in nats, with 0 for negative rates, (S,)."""
 
     def evaluate(self, values: Array, gradients: Array, hessians: Array) -> None:
         """
         Fill the barrier function and its derivatives: for tests.
 
-        :param values: (S,).
-        :param gradients: by x and, behind it, the shares but the first, (S, N (3 U + G - 1)).
-        :param hessians: lower triangles of the objective's, slot by slot, (S, N, V, V) for
-            V = 3 U + G - 1 variables.
+        :param values: values of the barrier function, (S,).
+        :param gradients: derivatives by x and, behind x, by all shares except the first of each
+            slot, (S, N (3 U + G - 1)).
+        :param hessians: lower triangles of the objective's Hessian, slot by slot, (S, N, V, V)
+            for V = 3 U + G - 1 variables.
         """
 
     def exchange_places(self, places: Arguments, positions: Array) -> None:
-        """Replace the places and the receivers' positions by as many."""
+        """Replace the places, and the receivers' positions (N, K, 2), by the same number."""
 
 def find_local_minima(discs: Arguments, minima: Array) -> None:
     """
-    Find a local minimum of the inverse SINR in each disc, probably the least.
+    Find a local minimum of the inverse SINR in each disc, probably the least one.
 
-    :param discs: a disc for each slot and eavesdropper, slot by slot: UAVs' `x` and `y` from its
-        centre (U, P), `squared_altitudes` (U,), `noise` (P,), `radius` (P,), `jamming` (U - 1, P)
-        and, but for free space, a `channel`; see struct Discs of inverse_sinr.hpp.
-    :param minima: inverse SINR, x and y, (3, P).
+    It bounds nothing: a smaller value may exist in the disc; see prove_leaks.
+
+    :param discs: a disc for each slot and eavesdropper, slot by slot: UAVs' `x` and `y` from the
+        disc's centre (U, P), `squared_altitudes` (U,), `noise` (P,), `radius` (P,) and `jamming`
+        (U - 1, P). A `channel` is given unless it is free space. See struct Discs of
+        inverse_sinr.hpp.
+    :param minima: inverse SINR, x and y of the minima, (3, P).
     """
 
 def bound_sectors(discs: Arguments, sectors: Arguments, bounds: Array, values: Array) -> None:
@@ -163,27 +191,36 @@ def bound_sectors(discs: Arguments, sectors: Arguments, bounds: Array, values: A
     Bound the inverse SINR in a sector of each disc: for tests.
 
     :param sectors: `inner`, `outer`, `middle` and `half`, (P,) each; see struct Sector.
-    :param bounds: lower bounds, (P,).
-    :param values: at a place of the sector, (P,).
+    :param bounds: lower bounds of the inverse SINR in the sectors, (P,).
+    :param values: inverse SINR at one place of each sector, (P,).
     """
 
 def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int,
                 tolerance: float, leaks: Array, worst: Indices, places: Array) -> None:
     """
-    Prove what no place of a slot's discs leaks more than.
+    Prove an upper bound of the leak over all places of each slot's discs.
 
-    :param slots: of each disc, ascending from 0, (P,).
-    :param most: upper bounds of the leaks by a formula, (P,) in bit/s/Hz.
-    :param most_sectors: examined in a slot, about; the bound is valid also if they end.
-    :param tolerance: of the bounds, in bit/s/Hz.
+    The bound holds inside the discs only. It is within the tolerance of the largest leak unless
+    the number of sectors ends the search, and valid in any case.
+
+    :param slots: slot of each disc, ascending from 0, (P,).
+    :param most: upper bounds of the discs' leaks by a formula, (P,) in bit/s/Hz.
+    :param most_sectors: number of sectors examined in a slot, after which its search ends.
+    :param tolerance: largest excess of a bound over the largest leak found [bit/s/Hz].
     :param leaks: upper bounds, (slots,) in bit/s/Hz.
-    :param worst: the disc with the largest leak, (slots,).
-    :param places: where that is, from its centre, (slots, 2) in m.
+    :param worst: index of the disc with the largest leak found, (slots,).
+    :param places: place of this leak, from the disc's centre, (slots, 2) in m.
     """
 
 class Detours:
     def __init__(self, low: Array, size: Array, lengths: Array) -> None:
-        """Make it from the corner and the size of the first of R x R cells, (2,), and lengths."""
+        """
+        Make Detours of R x R cells.
+
+        :param low: lower corner of the first cell, (2,).
+        :param size: size of a cell, (2,).
+        :param lengths: bounds of path lengths from the start and to the goal, (2, R, R).
+        """
 
 class ReachableSet:
     """The geometry of a `bound.proof.reachable_set.ReachableSet`, which has the shapes."""
@@ -209,22 +246,23 @@ class Terms:
         """
         Bound the maxima of functions of a slot group by branch and bound.
 
-        :param functions: their numbers.
-        :param bounds: of all functions; incumbents, which those of `functions` replace.
-        :param tolerance: alike.
-        :param budget: boxes for each function.
+        :param functions: indices of the functions to bound.
+        :param bounds: an incumbent for each of all functions. The bounds of `functions` replace
+            their incumbents.
+        :param tolerance: tolerance of each of all functions.
+        :param budget: largest number of boxes for each function.
         """
 
     def bound_box(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
-        """Return a function's value at the centre of a box and its bound there: for tests."""
+        """Return a function's value at a box's centre and its bound over the box: for tests."""
 
 def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians: Array) -> None:
     """
     Fill the smoothed maxima over a UAV's columns; see `search.columns.pack_columns`.
 
-    :param values: of all slot groups, (G,).
-    :param gradients: by a group's unknowns, (G, F), or empty.
-    :param hessians: (G, F, F), or empty.
+    :param values: smoothed maximum of each slot group, (G,).
+    :param gradients: derivatives by the group's unknowns, (G, F), or empty to leave out.
+    :param hessians: second derivatives, (G, F, F), or empty to leave out.
     """
 
 def evaluate_columns(columns: Arguments, values: Array) -> None:
@@ -234,18 +272,18 @@ def minimise_slot_bounds(columns: Sequence[tuple[Array, ...]], listeners: Indice
                          price: float, peak: float, group: Indices, low: Array, high: Array,
                          weights: Array, v: Array, maxima: Array, bounds: Array) -> None:
     """
-    Minimise the bounds of slots on columns over v, nearly; `bound.search.slot_bounds` calls it.
+    Minimise the bounds of slots on columns over v approximately; for bound.search.slot_bounds.
 
-    :param columns: of each UAV: places (G, C, 2), their values without w0 and v (G, C), and their
-        factors of w0 (G, C) and of v (G, C, E).
-    :param listeners: of the E places of eavesdroppers.
-    :param price: of the transmit power.
-    :param peak: of the transmit power in W.
-    :param group: of every cell of the last UAV, (C',).
+    :param columns: for each UAV a tuple: places (G, C, 2), values without w0 and v (G, C), factors
+        of w0 (G, C) and factors of v (G, C, E).
+    :param listeners: index of the listener of each of E places, (E,).
+    :param price: price of the transmit power.
+    :param peak: peak of the transmit power [W].
+    :param group: group of every cell of the last UAV, (C',).
     :param low: lower corners of the cells, (C', 2).
     :param high: upper corners of the cells, (C', 2).
     :param weights: w0, (K, C').
-    :param v: where the search begins, and what it finds, (K, C', E).
-    :param maxima: of the UAVs' columns there, (U, K, C').
-    :param bounds: without H(w0), (K, C').
+    :param v: start of the search, replaced by its result, (K, C', E).
+    :param maxima: maxima of the UAVs' columns at the result, (U, K, C').
+    :param bounds: bounds without H(w0) at the result, (K, C').
     """

@@ -23,7 +23,7 @@ using kernel::Sector;
 
 namespace {
 
-// How far in bit/s/Hz a proven leak may lie above the largest one found, where that is chosen.
+// Excess [bit/s/Hz] of a proven leak over the largest leak found that callers accept.
 constexpr double TOLERANCE = 8e-7;
 constexpr double LOG_2 = 0.69314718055994530942;
 constexpr std::int64_t CHECK_INTERVAL = 200000;  // Sectors between two checks for signals.
@@ -33,10 +33,10 @@ double invert_leak(double leak) { return 1.0 / std::expm1(leak * LOG_2); }
 
 // A branch and bound over the discs of one slot after the other.
 //
-// Discs are divided into sectors of rings, and sectors whose bound shows that the leak in them is
-// at most `tolerance` above the incumbent are dropped. The search of a slot ends when none is
-// left, or after `most_sectors`. The bounds of the sectors that are left count in the result,
-// which then is less tight and still valid.
+// Discs are divided into sectors of rings. A sector is dropped if its bound shows that the leak in
+// it is at most `tolerance` above the incumbent. The search of a slot ends when no sector is left,
+// or after `most_sectors`. The result includes the bounds of the sectors that are left: it is
+// valid in both cases, but less tight in the second.
 class DiscSearch {
 public:
     // `most`, (P), bounds the leaks of the discs by a formula.
@@ -45,8 +45,8 @@ public:
         : discs_(discs), problem_(make_disc_problem(discs)), most_(most),
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
-    // Search the discs from `begin` to before `end`, all of one slot. Return the number of sectors
-    // that took.
+    // Search the discs of one slot, from `begin` to before `end`. Return the number of sectors
+    // examined.
     std::int64_t search(std::size_t begin, std::size_t end) {
         incumbent_ = {INFINITE, 0.0, 0.0};
         active_.clear();
@@ -106,7 +106,7 @@ private:
             if (sector.disc != selected) problem_->select(selected = sector.disc);
             Candidate candidate;
             const double bound = problem_->bound_sector(sector, candidate);
-            // A part has no smaller v than the whole. A NaN proves nothing.
+            // A sector's bound is at least its parent's. A bound that is NaN is ignored.
             if (bound > sector.bound) sector.bound = bound;
             if (candidate.inverse_sinr < best.inverse_sinr) {
                 best = candidate;
@@ -118,7 +118,8 @@ private:
         update_incumbent(best_disc, problem_->descend(best));
     }
 
-    // Add the parts of a sector to the next level: of a disc its inner half and six more.
+    // Add the parts of a sector to the next level. A whole disc is divided into its inner half and
+    // six sectors of the ring around this half, any other sector into four.
     void divide(const Sector& sector) {
         const double middle = 0.5 * (sector.inner + sector.outer);
         Sector part = sector;
@@ -158,6 +159,7 @@ private:
     std::vector<Sector> level_, next_level_;
 };
 
+// Copy the discs of Python's arguments; core.pyi lists these.
 Discs make_discs(const py::dict& args) {
     const std::size_t count = count_entries(args, "noise");
     const std::size_t uavs = count_entries(args, "squared_altitudes");
@@ -178,6 +180,7 @@ Discs make_discs(const py::dict& args) {
     return discs;
 }
 
+// Fill a local minimum of the inverse SINR in each disc; see core.pyi.
 void find_local_minima(const py::dict& args, const py::buffer& minima) {
     const Discs discs = make_discs(args);
     const Array<double> minimum(minima, "minima", 3 * discs.count);
@@ -192,6 +195,7 @@ void find_local_minima(const py::dict& args, const py::buffer& minima) {
     }
 }
 
+// Fill lower bounds of the inverse SINR in one sector of each disc; see core.pyi.
 void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buffer& bounds,
                    const py::buffer& values) {
     const Discs discs = make_discs(args);
@@ -209,6 +213,7 @@ void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buff
     }
 }
 
+// Fill proven upper bounds of the leak in every slot; see core.pyi.
 void prove_leaks(const py::dict& args, const py::buffer& slots, const py::buffer& most,
                  std::int64_t most_sectors, double tolerance, const py::buffer& leaks,
                  const py::buffer& worst_discs, const py::buffer& places) {

@@ -9,8 +9,9 @@
 
 namespace kernel {
 
-// The terms of a rotary wing's power by the square s of a length of moves, times price and slot:
-// blade_slope s + induced / sqrt(sqrt(1 + r^2) + r) + drag s^1.5 with r = induced_slope s.
+// Numbers of a rotary wing's power, each multiplied by the price and the length of a slot. With
+// the square s of a move's length, the power is
+// blade_slope s + induced / sqrt(sqrt(1 + r^2) + r) + drag s^1.5, r = induced_slope s.
 struct PowerTerms {
     double blade_slope, induced, induced_slope, drag;
 
@@ -34,13 +35,14 @@ struct PowerTerms {
 
 class EnergyCost {
 public:
-    // Of every UAV as many moves, (U, S), with their weights, (U, S), and its terms, (U).
+    // `moves` (U, S): S differences of positions for each UAV. `weights` (U, S): weights of the
+    // moves. `terms` (U): power curve of each UAV.
     EnergyCost(Vectors moves, Reals weights, std::vector<PowerTerms> terms)
         : moves_(std::move(moves)), weights_(std::move(weights)), terms_(std::move(terms)) {}
 
     const Vectors& moves() const { return moves_; }
 
-    // But for a constant.
+    // Find the price of the flights' energy, up to a constant.
     double find_value(const double* path) const {
         double sum = 0.0;
         visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
@@ -49,6 +51,7 @@ public:
         return sum;
     }
 
+    // Add the gradient of the price of the energy, (N, U, 3).
     void add_gradient(const double* path, double* gradient) const {
         visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
             const double slope = 2.0 * weights_[i] * terms.first(dot(move, move));
@@ -56,7 +59,7 @@ public:
         });
     }
 
-    // Add the convex part of the Hessian.
+    // Add the Hessian. Negative eigenvalues of the Hessian by a move are replaced by 0.
     void add_curvature(const double* path, const Band& band) const {
         visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
             const double s = dot(move, move), weight = weights_[i];

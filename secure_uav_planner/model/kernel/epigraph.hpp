@@ -1,5 +1,5 @@
-// Sums of logarithms, and the largest of several values by its epigraph: t with the barrier terms
-// -mu log(t - value), t being eliminated.
+// Sums of logarithms, and the smoothed largest of several values: the minimum over t of
+// t - mu sum log(t - value), the epigraph form.
 #pragma once
 
 #include <algorithm>
@@ -9,12 +9,13 @@
 
 namespace kernel {
 
-// A sum of logarithms of positive numbers; the logarithm of a product of many is taken at once.
+// A sum of logarithms of positive numbers, faster by taking the logarithm of products of many.
 class LogSum {
 public:
+    // Add the logarithm of a value. The sum is not finite if the value is not positive.
     void add(double value) {
         if (!(value > 1e-100 && value < 1e100)) {
-            sum_ += std::log(value);  // Not finite where the value is not positive.
+            sum_ += std::log(value);
             return;
         }
         product_ *= value;
@@ -37,8 +38,9 @@ private:
 // sum mu / (t - value) = 1 from the left of its root, so without overshooting. The values become
 // their slacks t - value, and log(slack / mu) is added to `gaps`.
 inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps) {
-    // Eight steps are enough for 16 values, as a step far from the root doubles t; more values take
-    // more steps, until one from this excess of the sum has led to rounding.
+    // STEPS suffice for 16 values, because a step far from the root doubles t. With more values
+    // further steps are taken until the sum exceeds 1 by at most NEAR; one step from there is
+    // exact to rounding.
     constexpr int STEPS = 8;
     constexpr double NEAR = 1e-8;
     const double largest = *std::max_element(values, values + count);
@@ -62,8 +64,8 @@ inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps)
     return t;
 }
 
-// Find the Newton step of the duals of several values, and lower its length for them; `slopes` are
-// the values' along the step.
+// Find the Newton step of the duals of several values, and lower its `length` so that they stay
+// positive. `slopes` are the derivatives of the values along the step.
 inline void find_epigraph_changes(int count, double mu, const double* slacks, const double* duals,
                                   const double* slopes, double* changes, double& length) {
     double sum = 0.0, total = 0.0, weighted = 0.0;
@@ -80,7 +82,7 @@ inline void find_epigraph_changes(int count, double mu, const double* slacks, co
     }
 }
 
-// Move duals, whose sum is 1.
+// Move duals along their step, and scale them so that their sum is 1.
 inline void move_epigraph_duals(int count, double length, const double* changes, double* duals) {
     double sum = 0.0;
     for (int i = 0; i < count; ++i) sum += duals[i] += length * changes[i];

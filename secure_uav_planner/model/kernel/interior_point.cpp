@@ -24,12 +24,13 @@ using kernel::Reals;
 
 namespace {
 
-// Estimated multiplications: of several starts below which threads cost more than they gain; of a
-// single one, which a thread does not speed up, below which `raise_if_over` need not run meanwhile;
-// and of all steps taken in one call.
+// Costs are estimated numbers of multiplications. WORTH_THREADS: least cost of steps from several
+// starts for which threads pay. WORTH_CHECKS: least cost of steps from a single start during which
+// `raise_if_over` is called. MOST_AT_ONCE: largest cost of the steps of one call.
 constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
-constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `raise_if_over`.
+constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Time between calls of raise_if_over.
 
+// Copy the receivers of Python's arguments; core.pyi lists these.
 kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
     const std::size_t nodes = count_entries(args, "weights");
@@ -43,6 +44,7 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
             copy_reals(args, "radii", entries)};
 }
 
+// Copy the places that represent the eavesdroppers' discs, with the names in core.pyi.
 kernel::Places make_places(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t count = problem.eavesdroppers();
     return {copy_flags(args, "followed", problem.slots * count),
@@ -50,6 +52,7 @@ kernel::Places make_places(const BarrierProblem& problem, const py::dict& args) 
             copy_reals(args, "radii", problem.slots * count)};
 }
 
+// Copy the barrier problem of Python's arguments; core.pyi lists these.
 BarrierProblem make_problem(const py::dict& args) {
     BarrierProblem problem;
     problem.slots = args["slots"].cast<std::size_t>();
@@ -77,6 +80,7 @@ BarrierProblem make_problem(const py::dict& args) {
     return problem;
 }
 
+// Newton's method for several starts, whose arrays in Python it changes in place; see core.pyi.
 class InteriorPointSolver {
 public:
     InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
@@ -100,9 +104,9 @@ public:
     }
     InteriorPointSolver(const InteriorPointSolver&) = delete;
 
-    // Take up to `steps` steps from every start, fewer where they are long; return their number,
-    // and how many starts failed in the worst of them. If `raise_if_over` throws, starts that have
-    // not yet stepped are left unchanged.
+    // Take `steps` steps from every start, or fewer if they are expensive. Return the number of
+    // steps, and how many starts failed in the step with most failures. If `raise_if_over` throws,
+    // starts that have not yet stepped are left unchanged.
     py::tuple advance(int steps, double final_mu, const py::function& raise_if_over) {
         std::size_t failed;
         {
@@ -122,6 +126,7 @@ public:
         return py::make_tuple(steps, failed);
     }
 
+    // Fill the least weighted mean rate of each start in nats.
     void evaluate_rates(const py::buffer& rates) {
         const Array<double> rate(rates, "rates", iterates_.size());
         const py::gil_scoped_release release;
@@ -129,6 +134,7 @@ public:
             rate[s] = worker(0).evaluate_rate(iterates_[s]);
     }
 
+    // Fill the barrier function and its derivatives for each start: for tests.
     void evaluate(const py::buffer& values, const py::buffer& gradients,
                   const py::buffer& hessians) {
         const std::size_t row = 3 * problem_.uavs + problem_.nodes() - 1;
@@ -141,6 +147,7 @@ public:
                                           &hessian[s * size * row]);
     }
 
+    // Replace the places, and the receivers' positions, by the same number of new ones.
     void exchange_places(const py::dict& places, const py::buffer& positions) {
         Reals& own = problem_.receivers.positions;
         expect(!problem_.places.followed.empty(), "places");
@@ -151,12 +158,13 @@ public:
     }
 
 private:
+    // Return a Newton with its own working memory, made at its first use; one for each thread.
     kernel::Newton& worker(std::size_t number) {
         while (workers_.size() <= number) workers_.push_back(kernel::make_newton(problem_));
         return *workers_[number];
     }
 
-    // Take all steps of one start after the other, until none is left.
+    // Take all steps of one start after the other in worker `number`, until no start is left.
     void take_steps(std::size_t number, double final_mu) {
         kernel::Newton& newton = *workers_[number];
         while (!stop_) {
@@ -170,11 +178,12 @@ private:
         }
     }
 
+    // Take all steps in threads, while the calling thread checks signals and raise_if_over.
     void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
         worker(count - 1);
-        // If `raise_if_over` throws, these join their threads as they are destroyed.
+        // If `raise_if_over` throws, the futures join their threads as they are destroyed.
         std::vector<std::future<void>> threads;
         try {
             for (std::size_t number = 0; number < count; ++number)
@@ -194,6 +203,7 @@ private:
         }
     }
 
+    // Estimate the multiplications of one step from all starts.
     double estimate_cost() const {
         const double row = 3.0 * problem_.uavs + problem_.nodes() - 1, height = bandwidth_ + row;
         return double(iterates_.size()) * double(problem_.slots)
@@ -208,7 +218,7 @@ private:
     std::vector<std::unique_ptr<kernel::Newton>> workers_;
     std::atomic<bool> stop_{false};
     std::atomic<std::size_t> next_{0};
-    std::vector<std::atomic<std::size_t>> failed_;  // Starts that failed, for every step.
+    std::vector<std::atomic<std::size_t>> failed_;  // Number of starts that failed in each step.
 };
 
 }  // namespace

@@ -1,15 +1,15 @@
 // The inverse SINR of an eavesdropper over its disc, with a local search and proven bounds.
 //
-// With the transmitter's S and the jammers' J over the noise power, v = (1 + J) / S decides the
-// leak log2(1 + 1 / v): the worst place of a disc is where v is least. With the gains g_i of its
-// links,
+// Let S be the transmitter's and J the jammers' received power over the noise power. The leak is
+// log2(1 + 1 / v) with v = (1 + J) / S, so the worst place of a disc is where v is least. With the
+// gains g_i of the eavesdropper's links and the powers p_i,
 //
 //     v = 1 / (g_0 p_0) + sum_j p_j / p_0 g_j / g_0.
 //
 // In free space, with D_i = |x - q_i|^2 + H_i^2, g_j / g_0 is D_0 / D_j = 1 + L_j / D_j times a
-// constant, where L_j = D_0 - D_j is affine in x. UAVs at the same place so cancel before anything
-// is bounded, and a leak that is flat over the disc is seen to be flat. With a PathLoss, all terms
-// are products of gains, whose derivatives are bounded by those of their logarithms.
+// constant, where L_j = D_0 - D_j is affine in x. So UAVs at the same place cancel before anything
+// is bounded, and the bounds of a leak that is flat over the disc are tight. With a PathLoss, all
+// terms are products of gains, and their derivatives are bounded by way of the gains' logarithms.
 #pragma once
 
 #include <algorithm>
@@ -22,27 +22,29 @@
 
 namespace kernel {
 
-constexpr int RAYS = 6;  // Sectors of the first ring, and starts of a search on a circle.
+constexpr int RAYS = 6;  // Number of sectors of the first ring, and of starts on a circle.
 constexpr double PI = 3.14159265358979323846;
-// Rounding. A sum of up to 32 positive terms of a few operations each is right to 1e-14 of itself.
-// Places and offsets are right to `place_error`, many units in the last place of the longest
-// offset. For places of a sector that widens the ball; for places of UAVs it changes v by no more
-// than the slopes of its terms allow. Where terms cancel, as in L_j, in the gradient and in the
-// Hessian, the error is a few units in the last place of their absolute values added up: `change`,
-// `slopes` and `hessian_error` hold more than that. In sum, a bound is lowered by more than
-// rounding can raise it.
+// Relative rounding error, by which bounds are lowered more than rounding can raise them.
+//
+// A sum of up to 32 positive terms of a few operations each is right to 1e-14 of itself. Places and
+// offsets are right to `place_error`, many units in the last place of the longest offset. An error
+// of a sector's place widens the ball. An error of a UAV's place changes v by at most the error
+// times the slopes of the terms of v. Where terms cancel, as in L_j, in the gradient and in the
+// Hessian, the error is a few units in the last place of the sum of their absolute values. The
+// numbers `change`, `slopes` and `hessian_error` are larger than this error.
 constexpr double ULPS = 1e-14;
 
-// A disc for each slot and eavesdropper, P of them; places are relative to its centre, in m.
+// P discs, one for each slot and eavesdropper. Places are relative to the centre of the disc, in m.
+// The SNR of a link is the SNR at unit distance and unit power.
 struct Discs {
-    std::size_t count;
-    int uavs;
-    std::vector<double> x, y;               // Of the UAVs, (U, P).
+    std::size_t count;                      // P.
+    int uavs;                               // U.
+    std::vector<double> x, y;               // Places of the UAVs, (U, P).
     std::vector<double> squared_altitudes;  // H^2, (U).
-    std::vector<double> noise;              // 1 / p_0, divided by the SNR at unit distance, (P).
+    std::vector<double> noise;              // 1 / (p_0 SNR_0), (P).
     std::vector<double> radius;             // (P).
-    std::vector<double> jamming;            // p_j / p_0, times the ratio of those, (U - 1, P).
-    std::shared_ptr<const PathLoss> channel;  // With an SNR of 1, or null in free space.
+    std::vector<double> jamming;            // (p_j SNR_j) / (p_0 SNR_0), (U - 1, P).
+    std::shared_ptr<const PathLoss> channel;  // Gains for an SNR of 1; null in free space.
 };
 
 // A sector of a ring around the centre of a disc: r in [inner, outer], |angle - middle| <= half.
@@ -50,7 +52,7 @@ struct Discs {
 struct Sector {
     std::size_t disc;
     double inner, outer, middle, half;
-    double bound;  // v is not below it here.
+    double bound;  // A lower bound of v in the sector.
 
     bool is_whole() const { return half > 1.5707963267948966; }
 };
@@ -60,7 +62,7 @@ struct Candidate {
     double inverse_sinr, x, y;
 };
 
-// One of the Discs at a time, for any channel.
+// v over one of the Discs at a time, the one selected last; a subclass for each channel.
 class DiscProblem {
 public:
     explicit DiscProblem(const Discs& discs) : discs_(discs), uavs_(discs.uavs) {
@@ -68,6 +70,7 @@ public:
     }
     virtual ~DiscProblem() = default;
 
+    // Select a disc; all other methods are about the selected disc.
     void select(std::size_t disc) {
         double farthest = 0.0;
         for (int u = 0; u < uavs_; ++u) {
@@ -82,10 +85,11 @@ public:
         place_error_ = ULPS * (radius_ + std::sqrt(farthest));
     }
 
+    // Evaluate the place of the disc that is nearest to the transmitter.
     Candidate evaluate_nearest() const { return evaluate(x_[0], y_[0]); }
 
-    // Descend from the best of the place nearest to the transmitter, the centre, six places on a
-    // circle half as wide and six on the edge.
+    // Descend from the best of 14 places: the nearest to the transmitter, the centre, six on a
+    // circle of half the radius and six on the edge.
     Candidate find_local_minimum() const {
         Candidate best = evaluate_nearest();
         keep_better(best, evaluate(0.0, 0.0));
@@ -98,8 +102,8 @@ public:
         return descend(best);
     }
 
-    // Take Newton steps in the disc, and along its edge where v falls outwards. Their length is
-    // limited, and they go downhill also where v is not convex.
+    // Descend to a local minimum of v by Newton steps in the disc, and along its edge where v falls
+    // outwards. The steps have a limited length and go downhill also where v is not convex.
     Candidate descend(Candidate here) const {
         double longest = 0.5 * radius_;
         if (!(radius_ > POINT)) return here;
@@ -107,7 +111,7 @@ public:
             const Candidate next = take_newton_step(here, longest);
             const double gain = here.inverse_sinr - next.inverse_sinr;
             const bool better = next.inverse_sinr < here.inverse_sinr;
-            // Newton's next gain is of the order of the square of this one.
+            // The next gain of Newton's method is of the order of this gain squared.
             const bool stop = better ? !(gain > 1e-7 * here.inverse_sinr)
                                      : !(0.25 * longest > 1e-4 * radius_);
             keep_better(here, next);
@@ -119,14 +123,13 @@ public:
 
     // Find a lower bound of v in a sector, and a candidate in it.
     //
-    // The bound is the largest of three, all for the smallest ball around the candidate that holds
-    // the sector. The first takes every distance by itself at its smallest or largest, and only
-    // needs gains that fall with the distance. The others minimise a quadratic below v, Taylor's
-    // with its Hessian lowered by what the third derivative can change: over the sector with its
-    // curved edges, by the Hessian's least eigenvalue alone, and over the square around the ball
-    // along the eigenvectors. So the part left to divide shrinks with the square of the sectors'
-    // size, both near a maximum of the leak on the edge of the disc and near one inside, even if
-    // it is flat in a direction.
+    // The bound is the larger of two. Both hold in the smallest ball around the candidate that
+    // contains the sector. `ball_bound`, by expand, takes every distance alone at its smallest or
+    // largest; it needs only gains that fall with the distance. The second, by bound_change,
+    // minimises a quadratic below v: Taylor's quadratic with its Hessian lowered by the largest
+    // change that the third derivative allows. Its error shrinks with the square of the sector's
+    // size, near a maximum of the leak on the disc's edge as well as near one inside, also if the
+    // maximum is flat in one direction.
     double bound_sector(const Sector& sector, Candidate& candidate) {
         const double cosine = std::cos(sector.middle), sine = std::sin(sector.middle);
         const double radius = sector.is_whole() ? 0.0 : 0.5 * (sector.inner + sector.outer);
@@ -150,28 +153,33 @@ protected:
         double value, x, y, xx, xy, yy;
     };
 
-    // v around a place.
+    // Lower bounds of v in a ball around a place: `ball_bound`, and Taylor's quadratic with its
+    // Hessian's eigenvalues lowered by `hessian_error`, minus `rounding`.
     struct Expansion {
         Derivatives at;
-        double ball_bound;     // v is not below it in the ball around the place,
-        double hessian_error;  // nor below Taylor's quadratic with a Hessian lowered by this,
-        double rounding;       // less this.
+        double ball_bound;
+        double hessian_error;
+        double rounding;
     };
 
     static double square(double number) { return number * number; }
 
+    // Return v at a place.
     virtual double inverse_sinr(double x, double y) const = 0;
+    // Return v at a place, with its gradient and its Hessian.
     virtual Derivatives differentiate(double x, double y) const = 0;
+    // Bound v in the ball of radius `ball` around a place; see Expansion.
     virtual Expansion expand(double x, double y, double ball) const = 0;
 
     const Discs& discs_;
     const int uavs_;
-    double noise_ = 0.0, radius_ = 0.0, place_error_ = 0.0;  // Of the disc.
-    std::vector<double> x_, y_, jamming_;                    // Likewise.
+    // Numbers of the selected disc, as in Discs; `place_error_` is the rounding error of a place.
+    double noise_ = 0.0, radius_ = 0.0, place_error_ = 0.0;
+    std::vector<double> x_, y_, jamming_;
 
 private:
-    static constexpr int MOST_STEPS = 30;    // Of a search, which mostly ends after 5.
-    static constexpr double POINT = 1e-12;  // Radius in m up to which a disc is a single place.
+    static constexpr int MOST_STEPS = 30;   // Largest number of steps of a descent; mostly it is 5.
+    static constexpr double POINT = 1e-12;  // Radius [m] up to which a disc is a single place.
 
     static void keep_better(Candidate& best, const Candidate& candidate) {
         if (candidate.inverse_sinr < best.inverse_sinr) best = candidate;
@@ -185,11 +193,13 @@ private:
         return {inverse_sinr(x, y), x, y};
     }
 
+    // Return the place after a Newton step of at most a length along each axis.
     Candidate take_newton_step(const Candidate& here, double longest) const {
         double x = here.x, y = here.y;
         const Derivatives v = differentiate(x, y);
         const double radial = (v.x * x + v.y * y) / radius_;
-        // Along the eigenvectors of the Hessian, or along the edge, whose curvature counts too.
+        // The axes are the eigenvectors of the Hessian. On the edge the only axis is along the
+        // edge, and the edge's curvature changes the second derivative.
         const bool edge = std::hypot(x, y) >= (1.0 - 1e-9) * radius_ && radial < 0.0;
         const double angle =
             edge ? std::atan2(x, -y) : 0.5 * std::atan2(2.0 * v.xy, v.xx - v.yy);
@@ -208,7 +218,9 @@ private:
         return evaluate(x, y);
     }
 
-    // Find a lower bound, over a sector, of the quadratic less its value at the place.
+    // Find a lower bound, over a sector, of the change of the quadratic below v from its value at
+    // the place. It is the larger of two: over the square around the ball, along the Hessian's
+    // eigenvectors; and over the sector with its curved edges, by the Hessian's least eigenvalue.
     static double bound_change(const Derivatives& v, const Sector& sector, double radius,
                                double sine2, double cosine, double sine, double ball,
                                double hessian_error) {
@@ -225,10 +237,10 @@ private:
         add_axis(axis_cosine, axis_sine, mean + spread - hessian_error);
         add_axis(-axis_sine, axis_cosine, mean - spread - hessian_error);
 
-        // On the arc at r, at (r, middle + t), the quadratic changes by a term of r, and by
-        // r (along (cos t - 1) + across sin t). This is least where its steepest descent points,
-        // if that is within the angle, or else at an end; over r the whole is concave, and so
-        // least on one of the two arcs.
+        // The quadratic changes at (r, middle + t) by a term that depends on r only, and by
+        // r (along (cos t - 1) + across sin t). Over t the second term is least in the direction of
+        // steepest descent if this lies within the sector's angle, and otherwise at an end. Over r
+        // the sum is concave, so it is least on one of the sector's two arcs.
         const double concave = std::max(hessian_error + spread - mean, 0.0);
         const double outwards = v.x * cosine + v.y * sine;
         const double along = outwards + concave * radius;
@@ -250,6 +262,7 @@ private:
     }
 };
 
+// v in free space: D_0 (noise + sum of jamming_j / D_j).
 class FreeSpaceProblem final : public DiscProblem {
 public:
     explicit FreeSpaceProblem(const Discs& discs) : DiscProblem(discs) {
@@ -270,6 +283,9 @@ protected:
         return differentiate_here();
     }
 
+    // Bound v = sum of noise D_0 and of jamming_j (1 + L_j / D_j), term by term, in a ball.
+    // `magnitude` is the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes;
+    // rounding errors are a small fraction of either.
     Expansion expand(double x, double y, double ball) const override {
         const std::vector<double>& altitudes = discs_.squared_altitudes;
         move_to(x, y);
@@ -281,7 +297,8 @@ protected:
         for (int j = 1; j < uavs_; ++j) {
             const double near = loss(square(std::max(distance_[j] - ball, 0.0)), j);
             const double far = loss(square(distance_[j] + ball), j);
-            // From q_0 to q_j, and L_j with how much it changes in the ball.
+            // `way` is the distance from q_0 to q_j; `difference` is L_j and `change` the most by
+            // which L_j changes in the ball.
             const double way_x = x_[j] - x_[0], way_y = y_[j] - y_[0];
             const double way = std::sqrt(way_x * way_x + way_y * way_y) + place_error_;
             const double change =
@@ -291,7 +308,8 @@ protected:
             const double lowest = difference - change;
             ball_bound += jamming_[j]
                 * std::max(best / far, 1.0 + lowest / (lowest > 0.0 ? far : near));
-            // Along a line, |(1 / D)''| <= 6 / D^2, |(1 / D)'''| <= 24 / D^(5/2); L_j is affine.
+            // `third` bounds v''' along any line: |(1 / D)''| <= 6 / D^2, |(1 / D)'''| <= 24 /
+            // D^(5/2), and L_j is affine.
             third += jamming_[j] / (near * near)
                 * (24.0 * (std::fabs(difference) + change) / std::sqrt(near) + 36.0 * way);
             const double weight = jamming_[j] / loss_[j], ratio = loss_[0] / loss_[j];
@@ -306,11 +324,12 @@ protected:
     }
 
 private:
-    // D of a UAV, at a squared distance.
+    // D = d^2 + H^2 of a UAV, from the squared distance d^2.
     double loss(double squared, int u) const {
         return FreeSpace::loss(squared, discs_.squared_altitudes[u]);
     }
 
+    // Find offsets and D of all UAVs at a place, for differentiate_here.
     void move_to(double x, double y) const {
         for (int u = 0; u < uavs_; ++u) {
             dx_[u] = x - x_[u];
@@ -319,6 +338,7 @@ private:
         }
     }
 
+    // Return v and its derivatives at the place of the last move_to.
     Derivatives differentiate_here() const {
         const double *dx = dx_.data(), *dy = dy_.data(), *loss = loss_.data();
         double sum = noise_, isotropic = noise_, slope_x = 0.0, slope_y = 0.0;
@@ -341,11 +361,11 @@ private:
                 2.0 * (isotropic - 2.0 * xx), -2.0 * xy, 2.0 * (isotropic - 2.0 * yy)};
     }
 
-    mutable std::vector<double> dx_, dy_, distance_, loss_;  // Of the place moved to.
+    // Offsets and distances of the place of the last move_to from each UAV, and D.
+    mutable std::vector<double> dx_, dy_, distance_, loss_;
 };
 
-// With a PathLoss. The derivatives of a term g_j / g_0 are its products with those of the
-// difference of log g_j and log g_0.
+// v with a PathLoss. A term g_j / g_0 is differentiated by way of log g_j - log g_0.
 class PathLossProblem final : public DiscProblem {
 public:
     explicit PathLossProblem(const Discs& discs) : DiscProblem(discs), channel_(*discs.channel) {}
@@ -369,6 +389,8 @@ protected:
         return sum;
     }
 
+    // Bound v = sum of noise / g_0 and of jamming_j g_j / g_0, term by term, in a ball. The bounds
+    // of a term's derivatives come from the bounds of log g_j - log g_0.
     Expansion expand(double x, double y, double ball) const override {
         const LogGain transmitter = log_gain(x, y, 0);
         const Range below = find_range(0, transmitter, ball);
@@ -383,7 +405,7 @@ protected:
             const double second_bound = range.bounds.second + below.bounds.second;
             const double third_bound = range.bounds.third + below.bounds.third;
             double slope = range.bounds.first + below.bounds.first;
-            // Of UAVs that are close together most of the slope cancels.
+            // If UAVs are close together, most of the slope cancels, and the second bound is less.
             slope = std::min(
                 slope, std::hypot(ratio.x, ratio.y) + ball * second_bound + GAIN_ULPS * slope);
             const double second_factor = second_bound + slope * slope;
@@ -401,7 +423,7 @@ protected:
         v.hessian_error = third * ball / 3.0 + GAIN_ULPS * second;
         v.rounding = GAIN_ULPS * v.at.value
             + 4.0 * magnitude * (place_error_ + GAIN_ULPS * ball);
-        if (!(v.hessian_error < INFINITE)) {  // Above a kink only the ball's bound is left.
+        if (!(v.hessian_error < INFINITE)) {  // Only ball_bound is valid over a kink.
             v.hessian_error = 0.0;
             v.rounding = INFINITE;
         }
@@ -409,27 +431,29 @@ protected:
     }
 
 private:
-    // More than the rounding of a gain, of its powers and exponentials.
+    // A bound of the relative rounding error of a gain, with its powers and exponentials.
     static constexpr double GAIN_ULPS = 1e-12;
 
-    // A gain at a distance, and gradient and Hessian of its logarithm.
+    // A gain at a distance, with the gradient and the Hessian of the gain's logarithm.
     struct LogGain {
         double gain, x, y, xx, xy, yy, distance;
     };
     static constexpr LogGain UNITY{1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
 
-    // Bounds in a ball of a gain, and of the derivatives of its logarithm.
+    // Bounds, in a ball, of a gain and of the derivatives of the gain's logarithm.
     struct Range {
         double least, most;
         PathLoss::LogBounds bounds;
     };
 
+    // Bound UAV u's gain in a ball around the place at which `at` was computed.
     Range find_range(int u, const LogGain& at, double ball) const {
         const double near = std::max(at.distance - ball, 0.0), far = at.distance + ball;
         return {channel_.gain(u, far * far), channel_.gain(u, near * near),
                 channel_.bound_log_gain(u, near, far)};
     }
 
+    // Return UAV u's gain at a place, with gradient and Hessian of log gain by the place.
     LogGain log_gain(double x, double y, int u) const {
         const double dx = x - x_[u], dy = y - y_[u], squared = dx * dx + dy * dy;
         const Gain gain = channel_.derivatives(u, squared);
@@ -440,10 +464,12 @@ private:
                 2.0 * slope + curvature * dy * dy, std::sqrt(squared)};
     }
 
+    // Return the ratio a / b of two gains, with the derivatives of log a - log b.
     static LogGain subtract(const LogGain& a, const LogGain& b) {
         return {a.gain / b.gain, a.x - b.x, a.y - b.y, a.xx - b.xx, a.xy - b.xy, a.yy - b.yy, 0.0};
     }
 
+    // Add a weight times a gain, with the gain's derivatives, to a sum.
     static void add(Derivatives& sum, double weight, const LogGain& log) {
         const double term = weight * log.gain;
         sum.value += term;

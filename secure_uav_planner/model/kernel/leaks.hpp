@@ -1,4 +1,5 @@
-// The leak of a slot from the rates of eavesdroppers, or of places, and of listeners.
+// The leak of a slot, from the rates of its hearers: eavesdroppers, or places in their discs, and
+// listeners.
 #pragma once
 
 #include <algorithm>
@@ -9,22 +10,25 @@
 
 namespace kernel {
 
-// A sum of rates, less mu times the logarithms of gaps between leaks and their largest.
+// A sum of rates minus mu times the sum of logarithms in `gaps`.
 class RateSum {
 public:
     void add(double rate) { sum_ += rate; }
+    // Add the rate of a reception.
     void add(const Reception& at) {
         if (at.is_weak())
             sum_ += at.rate();
         else
             logs_.add(1.0 + at.sinr());
     }
+    // Subtract the rate of a reception.
     void subtract(const Reception& at) {
         if (at.is_weak())
             sum_ -= at.rate();
         else
             logs_.add(at.interference / at.total());
     }
+    // Return the sum plus a constant.
     double total(double mu, double constant = 0.0) {
         return sum_ + (logs_.total() + constant) - mu * gaps.total();
     }
@@ -36,17 +40,18 @@ private:
     LogSum logs_;
 };
 
-// That to a single hearer, the largest of several, or that of the sum of their SINRs. The
-// largest is t with -mu log(t - leak) for every hearer, t being eliminated.
+// How a leak follows from the rates of its hearers: the rate of a single hearer, the largest of
+// several rates, or log(1 + sum of the SINRs). The largest is smoothed: it is the minimum over t of
+// t - mu sum log(t - rate).
 enum class LeakKind { single, largest, colluding };
 
-// What is received by the hearers of a slot, `at`, and their rates' gradients are those of all; a
-// leak counts E of them. For a number of UAVs that is known when compiling, or for any (UAVS = 0).
+// The leak of what one ground node is sent, in every slot. `at` and gradients of rates cover all
+// hearers of a slot, of whom a Leak uses E. UAVS is the number of UAVs if it is known when
+// compiling, or 0 for any number.
 template <int UAVS>
 class Leak {
 public:
-    // The leak for a ground node, whose own place does not count among the listeners'; its slacks
-    // begin behind those of the leaks before.
+    // The leak for a ground node, which does not listen to itself. Its slacks begin at `begin`.
     Leak(const BarrierProblem& problem, int node, std::size_t begin)
         : slots_(problem.slots), begin_(begin), own_(find_own(problem, node)),
           eves_(problem.hearers() - (own_ < problem.hearers())), uavs_(problem.uavs),
@@ -58,11 +63,13 @@ public:
         if (kind_ == LeakKind::largest) changes_.resize(slots_ * eves_);
     }
 
-    // The number of a hearer among all, and behind the last slack.
+    // The index among all hearers of hearer e of this leak.
     int hearer(int e) const { return e < own_ ? e : e + 1; }
     int count() const { return eves_; }
+    // The index behind the last slack of this leak.
     std::size_t end() const { return begin_ + slots_ * eves_; }
 
+    // Find the exact leak of a slot in nats, without smoothing.
     double find(const Reception* at) const {
         if (kind_ == LeakKind::colluding) {
             double sinrs = 0.0;
@@ -74,7 +81,7 @@ public:
         return largest;
     }
 
-    // Add the leak of slot n, with its barrier terms, to a sum.
+    // Add the leak of slot n to a sum, smoothed if it is the largest of several rates.
     void evaluate(std::size_t n, const Reception* at, double mu, Evaluation& here,
                   RateSum& sum) const {
         if (kind_ == LeakKind::single) return sum.add(at[0]);
@@ -85,10 +92,10 @@ public:
         sum.add(solve_epigraph(slacks, eves_, mu, sum.gaps));
     }
 
-    // The leak's derivatives by the rates of the slot that weigh was last called for.
+    // The derivatives of the leak by the hearers' rates, in the slot of the last call of weigh.
     const Reals& central() const { return central_; }
 
-    // Find `central`, and return the weights of the rates' Hessians in the leak's.
+    // Find `central` for slot n. Return the weights of the rates' Hessians in the leak's Hessian.
     const double* weigh(std::size_t n, const Reception* at, const Iterate& iterate, double mu) {
         if (kind_ == LeakKind::largest) {
             for (int e = 0; e < eves_; ++e)
@@ -103,8 +110,8 @@ public:
         return central_.data();
     }
 
-    // Add with a weight what the leak's Hessian, (V, V), has besides those of the rates, whose
-    // gradients are those of all hearers, after weigh.
+    // Add, times a weight, the part of the leak's Hessian, (V, V), that comes from the gradients of
+    // the rates. Called after weigh for the same slot. `gradients` cover all hearers.
     void add_curvature(std::size_t n, const Iterate& iterate, double weight,
                        const double* gradients, double* hessian) {
         if (kind_ == LeakKind::single) return;
@@ -132,8 +139,8 @@ public:
         }
     }
 
-    // Find the Newton step of the duals along a step, (N, V), and lower its length for them; the
-    // gradients of the rates in a slot begin `stride` numbers after those of the slot before.
+    // Find the Newton step of the duals along a step, (N, V), and lower its `length` so that they
+    // stay positive. The gradients of two successive slots begin `stride` numbers apart.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu,
                            const double* gradients, std::size_t stride, double& length) {
         if (kind_ != LeakKind::largest) return;
@@ -159,7 +166,8 @@ private:
     int size() const { return 3 * (UAVS ? UAVS : uavs_); }
     std::size_t first(std::size_t n) const { return begin_ + n * eves_; }
 
-    // The number of a node's own place among the hearers, or of all where it is none of them.
+    // The index of a ground node among the hearers. If the node does not listen, this is the
+    // number of hearers.
     static int find_own(const BarrierProblem& problem, int node) {
         const std::vector<int>& listeners = problem.receivers.listeners;
         return problem.eavesdroppers()

@@ -9,9 +9,9 @@
 
 namespace kernel {
 
-constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a step may go.
+constexpr double FRACTION_TO_BOUNDARY = 0.995;  // Largest fraction of a slack that a step takes.
 
-// Lower a step length until the step takes at most a fraction of a slack away.
+// Lower a step length so that the step takes at most FRACTION_TO_BOUNDARY of a slack.
 inline void limit_step(double& length, double slack, double slope) {
     const double most = FRACTION_TO_BOUNDARY * slack;
     if (-slope * length > most) length = most / -slope;
@@ -29,18 +29,19 @@ struct LineSet {
     Reals max_moves;          // The longest move of each vector, (I), or none.
 };
 
-// The slacks c of a limit at one x, or their slopes along a step, and its vectors, or their moves.
+// The slacks c of a limit and its vectors at one x; or the slopes of the slacks along a step and
+// the moves of the vectors.
 struct Slacks {
     Reals values;
     std::vector<Point> vectors;
     const LineSet* lines = nullptr;
 };
 
-// c = 1 - |d|^2 / r^2 for each of a limit's I vectors d, or c = normal . d - offset where the limit
-// has lines; 1 for vectors that are ignored.
+// A limit c > 0 for each of I vectors d of flights. c = 1 - |d|^2 / r^2, or c = normal . d - offset
+// if the limit has lines. An ignored vector has c = 1.
 class Limit {
 public:
-    // The flags are (I), and so are the squares r^2, of which a limit with lines has none.
+    // `ignored` (I): whether to ignore a vector. `squares` (I): r^2; empty for a limit with lines.
     Limit(Vectors vectors, std::vector<char> ignored, Reals squares)
         : vectors_(std::move(vectors)), ignored_(std::move(ignored)),
           squares_(std::move(squares)) {}
@@ -52,6 +53,7 @@ public:
     virtual bool has_lines() const { return false; }
     virtual void choose_lines(const double* /* path */, LineSet&) const {}
 
+    // Find the vectors and the slacks on a path.
     void find_slacks(const double* path, Slacks& slacks) const {
         vectors_.find(path, false, slacks.vectors);
         slacks.values.assign(count(), 1.0);
@@ -70,6 +72,7 @@ public:
         });
     }
 
+    // Find the moves of the vectors and the slopes of the slacks along a step.
     void find_slopes(const Slacks& slacks, const double* moves, Slacks& slopes) const {
         vectors_.find(moves, true, slopes.vectors);
         slopes.values.assign(count(), 0.0);
@@ -80,11 +83,13 @@ public:
         });
     }
 
-    // Lower the step lengths of the UAVs, (U), to a fraction of the way to the boundary.
+    // Lower the step lengths of the UAVs, (U), so that a step takes at most FRACTION_TO_BOUNDARY of
+    // each slack and of each longest move.
     void limit_steps(const Slacks& slacks, const Slacks& slopes, double* lengths) const {
         const Reals& max_moves = slacks.lines->max_moves;
         for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
-            // To the positive root of a s^2 + 2 b s = c, found without cancellation.
+            // The length is at most the positive root of a s^2 + 2 b s = c, which is computed
+            // without cancellation.
             const Point move = slopes.vectors[i];
             const double a = line ? 0.0 : dot(move, move) / squares_[i];
             const double b = line ? -0.5 * slopes.values[i] : dot(d, move) / squares_[i];

@@ -1,4 +1,4 @@
-// The limits, and the cost of energy, that Python makes; model/limits has their other half.
+// Constructors of limits and of the cost of energy, for Python; model/limits calls them.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -33,6 +33,7 @@ std::vector<int> copy_indices(const py::buffer& source, const char* name) {
     return std::vector<int>(numbers.data(), numbers.data() + numbers.size());
 }
 
+// Copy an array of `size` points (x, y).
 std::vector<Point> copy_points(const py::buffer& source, const char* name, std::size_t size) {
     const Array<const double> numbers(source, name, 2 * size);
     std::vector<Point> points;
@@ -41,7 +42,8 @@ std::vector<Point> copy_points(const py::buffer& source, const char* name, std::
     return points;
 }
 
-// The flags are (M, U), points n U + u and weights (I, T), constants (I, 2).
+// `varies` (M, U) are flags, `points` (I, T) are indices n U + u, `weights` are (I, T), and
+// `constants` (I, 2).
 Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const py::buffer& weights,
                      const py::buffer& constants, bool differences) {
     const Array<const bool> flags(varies, "varies");
@@ -65,7 +67,7 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
         copy_reals(squares, "squares", vectors.count()));
 }
 
-// The weights are (U, S), as the moves, and the terms (U, 4).
+// `moves` and `weights` are (U, S), and `terms` (U, 4).
 std::shared_ptr<EnergyCost> make_energy_cost(const Vectors& moves, const py::buffer& weights,
                                              const py::buffer& terms) {
     const std::size_t uavs = count_entries(terms) / 4;
@@ -78,7 +80,7 @@ std::shared_ptr<EnergyCost> make_energy_cost(const Vectors& moves, const py::buf
                                         std::move(powers));
 }
 
-// The flags are (M, G, K).
+// `ignored` has the flags of all control points, (M, G, K).
 Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
     const Array<const bool> flags(ignored, "ignored", control_points.count());
     expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2
@@ -118,6 +120,7 @@ std::shared_ptr<FenceLimit> make_fence_limit(const Vectors& control_points,
     return std::make_shared<FenceLimit>(pieces, std::move(sides));
 }
 
+// Fill the lines that a limit chooses for a path; see core.pyi.
 void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buffer& normals,
                   const py::buffer& offsets) {
     const Array<const double> points(path, "path");

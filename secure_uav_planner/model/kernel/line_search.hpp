@@ -10,11 +10,11 @@
 
 namespace kernel {
 
-constexpr double POWER_FACTOR = 10.0;  // By which a power may change in a step.
-// Trials that stop every variable at its own limit, and those along the step.
+constexpr double POWER_FACTOR = 10.0;  // Largest factor by which a power changes in a step.
+// CLIPPED_TRIALS stop every power and flight at its own limit; UNIFORM_TRIALS go along the step.
 constexpr int CLIPPED_TRIALS = 3, UNIFORM_TRIALS = 17;
 constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
-constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
+constexpr double ARMIJO = 1e-4;     // Fraction of the expected decrease that suffices.
 
 template <int UAVS>
 class LineSearch {
@@ -23,11 +23,12 @@ public:
         : x(problem.slots * problem.uavs * 3), shares(problem.share_slacks()), p_(problem),
           lengths_(problem.uavs) {}
 
-    // Find the step length, or 0. `slope` is that of the barrier function along the step, and
-    // `evaluate` finds the function at a trial.
+    // Find a step length that decreases the barrier function, or 0 if no trial does.
     //
-    // First every power is stopped at its own limit and every flight at its own, which goes much
-    // farther than stopping all at the first limit; then all go along the step.
+    // `slope` is the derivative of the barrier function along the step; `evaluate` returns the
+    // function at the trial in `x` and `shares`. First trials stop every power and every flight at
+    // its own limit, which goes much farther than stopping all at the first limit. Later trials
+    // have one length for all variables.
     template <typename Evaluate>
     double search(const Iterate& iterate, const Reals& step, const Reals& gradient, double slope,
                   const Constraints<UAVS>& constraints, const std::atomic<bool>& stop,
@@ -50,9 +51,10 @@ public:
         return 0.0;
     }
 
-    Reals x, shares;  // The last trial, (N, U, 3) and, where they vary, (N, G).
+    Reals x, shares;  // The last trial, (N, U, 3) and (N, G); shares are empty for one node.
 
 private:
+    // Set the trial to the iterate plus the step times one length for all variables.
     void move(const Iterate& iterate, const Reals& step, const Constraints<UAVS>& constraints,
               double length) {
         for (std::size_t i = 0; i < x.size(); ++i) x[i] = iterate.x[i] + length * step[i];
@@ -93,7 +95,7 @@ private:
     }
 
     const BarrierProblem& p_;
-    Reals lengths_;  // Of the flights' steps, (U).
+    Reals lengths_;  // Step length of each UAV's flight, (U).
 };
 
 }  // namespace kernel

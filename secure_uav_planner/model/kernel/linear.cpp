@@ -6,6 +6,7 @@ namespace kernel {
 
 namespace {
 
+// The scalar product, summed in two parts because this is faster.
 double dot(const double* a, const double* b, int n) {
     double even = 0.0, odd = 0.0;
     int i = 0;
@@ -16,9 +17,9 @@ double dot(const double* a, const double* b, int n) {
     return even + odd + (i < n ? a[i] * b[i] : 0.0);
 }
 
-// Reduce a symmetric matrix, of which the lower triangle counts, to tridiagonal form by
-// Householder reflections: `d` becomes the diagonal, e[1..] the subdiagonal and the rows of `w`
-// the basis of that form. `v` is overwritten.
+// Reduce a symmetric matrix, given by its lower triangle, to tridiagonal form by Householder
+// reflections: `d` becomes the diagonal, e[1..] the subdiagonal and the rows of `w` the basis of
+// the tridiagonal form. `v` is overwritten.
 template <int SIZE>
 void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
     const int n = SIZE ? SIZE : size;
@@ -126,7 +127,7 @@ bool diagonalise(double* w, double* d, double* e, int size) {
     return true;
 }
 
-// `space` holds size * size numbers.
+// Try a Cholesky factorisation of a symmetric matrix. `space` holds size * size numbers.
 template <int SIZE>
 bool is_positive_definite(const double* matrix, int order, double* space) {
     const int size = SIZE ? SIZE : order;
@@ -144,6 +145,7 @@ bool is_positive_definite(const double* matrix, int order, double* space) {
     return true;
 }
 
+// find_negative_part for a SIZE that is known when compiling, or for any order (SIZE = 0).
 template <int SIZE>
 void find_negative_part_sized(double* matrix, int order, double* space) {
     const int size = SIZE ? SIZE : order;
@@ -171,6 +173,7 @@ void find_negative_part_sized(double* matrix, int order, double* space) {
 
 }  // namespace
 
+// Sizes 3 U of 1 to 4 UAVs have versions of their own, which are faster.
 void find_negative_part(double* matrix, int size, double* space) {
     switch (size) {
         case 3: return find_negative_part_sized<3>(matrix, size, space);
@@ -181,6 +184,7 @@ void find_negative_part(double* matrix, int size, double* space) {
     }
 }
 
+// Gaussian elimination with row pivots; the solution replaces the right side.
 bool solve_dense(double* matrix, double* right, int size) {
     for (int i = 0; i < size; ++i) {
         int pivot = i;

@@ -1,4 +1,4 @@
-// The linear system of a Newton step: a band, a few dense rows, and shares of single slots.
+// The linear system of a Newton step: a band, a few dense rows, and shares that single slots have.
 #pragma once
 
 #include <algorithm>
@@ -11,14 +11,15 @@
 
 namespace kernel {
 
-constexpr double FIRST_SHIFT = 1e-12;  // For matrices that are singular by rounding.
-// Failures after which more and more slots are made convex at once, and after which all are.
+constexpr double FIRST_SHIFT = 1e-12;  // Shift of the diagonal against rounding, in units.
+// After SINGLE_SLOTS failed factorisations, each doubles the number of slots that are made convex
+// at once. After ALL_SLOTS failures all slots are made convex.
 constexpr int SINGLE_SLOTS = 3, ALL_SLOTS = 12;
-// Of the diagonal, when all slots have been made convex.
+// Shifts of the diagonal, over its largest entry, that are tried when all slots are convex.
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
 
-// Replace a symmetric matrix (size, size), of which the lower triangle counts, by what it lacks
-// to be positive semidefinite. `space` holds size * (2 * size + 2) numbers.
+// Replace a symmetric matrix (size, size), given by its lower triangle, by the smallest matrix
+// whose sum with it is positive semidefinite. `space` holds size * (2 * size + 2) numbers.
 void find_negative_part(double* matrix, int size, double* space);
 
 // Solve a small dense system in place by elimination with row pivots; return false if singular.
@@ -28,18 +29,19 @@ inline bool is_finite(const double* numbers, std::size_t count) {
     return std::all_of(numbers, numbers + count, [](double x) { return std::isfinite(x); });
 }
 
-// Factor a symmetric band matrix as L D L^T, beginning at a column; those before it are factored.
+// Factor a symmetric band matrix as L D L^T from column `from` on; columns before it are factored
+// already.
 //
 // Column j holds the entries j, j + 1, ... j + below of the lower triangle; `below` more columns
-// of zeros follow the last. Return the column at which it is not positive definite, or -1. In the
-// factor, the first entry of a column is 1 / D.
+// of zeros follow the last. Return the column at which the matrix is not positive definite, or -1.
+// In the factor, the first entry of a column is 1 / D.
 template <int BELOW>
 std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t columns,
                            int bandwidth, std::ptrdiff_t from) {
     const int below = BELOW ? BELOW : bandwidth;
     const int height = below + 1;
     std::copy(band + from * height, band + (from + below) * height, factor + from * height);
-    // Subtract the columns before from those that are to be factored.
+    // Subtract the factored columns from the columns that are to be factored.
     for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, from - below); j < from; ++j) {
         const double* column = factor + j * height;
         for (int k = int(from - j); k <= below; ++k) {
@@ -65,7 +67,8 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
     return -1;
 }
 
-// Divide several right sides, (columns + below, SIDES), by the L of a factor.
+// Divide several right sides, (columns + below, SIDES), by the L of a factor: forward substitution.
+// BELOW and SIDES are constants if they are known when compiling, or 0.
 template <int BELOW, int SIDES>
 void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right,
                      int right_sides) {
@@ -79,7 +82,7 @@ void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth
     }
 }
 
-// Divide a right side, (columns + below), by L^T.
+// Divide a right side, (columns + below), by the L^T of a factor: back substitution.
 template <int BELOW>
 void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right) {
     const int below = BELOW ? BELOW : bandwidth;
@@ -91,14 +94,14 @@ void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth
     }
 }
 
-// For a number of UAVs that is known when compiling, or for any (UAVS = 0).
-//
-// The variables are x, (N, 3 U), which limits couple to a band, and behind them shares, (N, S),
-// each coupled only to its own slot, from which they are eliminated.
+// The variables are x, (N, 3 U), which limits couple to a band, and behind them shares, (N, S).
+// Shares are coupled only to their own slot and are eliminated from it. UAVS is the number of UAVs
+// if it is known when compiling, or 0 for any number.
 template <int UAVS>
 class NewtonSystem {
 public:
-    // Make a system with a number of dense rows.
+    // Make a system for `uavs` UAVs, `shares` variable shares in each slot and a number of dense
+    // rows. `unit` is the unit of the objective.
     NewtonSystem(std::size_t slots, int uavs, int shares, int dense_rows, int bandwidth,
                  double unit)
         : slots_(slots), count_(uavs), shares_(shares), rows_(dense_rows), below_(bandwidth),
@@ -118,16 +121,16 @@ public:
 
     int height() const { return below_ + 1; }
 
-    // Add the block of a slot, which is complete, to the band.
+    // Eliminate the shares of a slot from its block and add the block to the band.
     void add_slot(std::size_t n) {
         const int W = width();
         if (shares_) eliminate_shares(n);
         add_block(n, (shares_ ? &eliminated_[0] : &blocks[0]) + n * W * W);
     }
 
-    // Find minus the inverse of the Hessian, made positive definite, times the gradient. Return
-    // false if that fails or is stopped. Each row adds its outer product divided by its ratio,
-    // (R), to the Hessian.
+    // Find the Newton step: minus the inverse of the Hessian times the gradient, where the Hessian
+    // is first made positive definite. Return false if this fails or is stopped. Each of R dense
+    // rows adds its outer product, divided by its ratio, to the Hessian.
     bool solve(const double* gradient, const double* ratios, double* step,
                const std::atomic<bool>& stop) {
         if (!is_finite(band.data(), band.size()) || !factor_positive_definite(stop)) return false;
@@ -136,8 +139,8 @@ public:
     }
     std::vector<double> blocks;  // The objective's Hessian by slots, (N, 3 U + S, 3 U + S).
     std::vector<double> band;    // The Hessian with the limits' terms, by columns.
-    std::vector<double> rows;    // By variables, (N (3 U + S), R).
-    // Of the limits of the shares, of which the first is 1 less the others, (N, S + 1).
+    std::vector<double> rows;    // The dense rows, by variables, (N (3 U + S), R).
+    // Curvatures of the limits share > 0, (N, S + 1). The first share is 1 minus the S variables.
     std::vector<double> share_curvatures;
 
 private:
@@ -154,21 +157,23 @@ private:
         return &eliminated_[(n * width() + j) * width()];
     }
 
-    // Call a function with every share of a slot, in the order of elimination, and its row of
-    // multipliers, which ends with the inverse pivot.
+    // Call a function for every share of a slot, in the order of elimination, with its row of
+    // multipliers. The row ends with the inverse pivot.
     template <typename Function>
     void for_pivots(std::size_t n, Function function) {
         for (int j = width() - 1; j >= size(); --j) function(j, pivot_row(n, j));
     }
 
-    // Add the lower triangle of a slot's block, of which x has the first rows, to the band.
+    // Add the part of a slot's block that belongs to x, a lower triangle, to the band.
     void add_block(std::size_t n, const double* block) {
         const int V = size(), W = width();
         for (int j = 0; j < V; ++j)
             for (int i = j; i < V; ++i) band[(n * V + j) * height() + i - j] += block[i * W + j];
     }
 
-    // Eliminate the shares of a slot, the last first, from its block and their limits' curvature.
+    // Eliminate the shares of slot n from its block, the last share first, by Gaussian elimination
+    // of rows. The curvature of the limits share > 0 is added before. The first share is 1 minus
+    // the others, so its curvature is added to every pair of shares.
     void eliminate_shares(std::size_t n) {
         const int V = size(), W = width();
         double* block = &eliminated_[n * W * W];
@@ -190,7 +195,8 @@ private:
         }
     }
 
-    // For a number of rows that is known when compiling, or for any (ROWS = 0).
+    // Solve with the factored band. ROWS is the number of dense rows if it is known when compiling,
+    // or 0 for any number.
     template <int ROWS>
     bool solve_factored(const double* gradient, const double* ratios, double* step) {
         const int R = ROWS ? ROWS : rows_, sides = 1 + R;
@@ -260,7 +266,7 @@ private:
         return is_finite(step, variables);
     }
 
-    // Replace the block of a slot by the nearest that is positive semidefinite.
+    // Replace the block of a slot by the nearest positive semidefinite one, also in the band.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];
@@ -278,11 +284,11 @@ private:
         add_block(n, before.data());
     }
 
-    // Factor the band after making it positive definite, as little as that takes.
+    // Factor the band after making it positive definite with few changes.
     //
     // First, the blocks of the slots where the factorisation fails and of their neighbours are
-    // projected on the semidefinite cone. All limits' terms are convex, so that this ends; shifts
-    // of the diagonal then repair what is left of rounding.
+    // projected on the semidefinite cone. This ends, because all limits' terms are convex. Then
+    // the diagonal is shifted if rounding still makes the factorisation fail.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;
@@ -326,8 +332,9 @@ private:
         return false;
     }
 
-    // Call a function with the bandwidth as a constant where points are coupled with the next,
-    // with separation or without, or with the next two; else with 0.
+    // Call a function with the bandwidth as a compile-time constant if it is one of three common
+    // ones, and with 0 for any other. The three couple a point with the next point, without and
+    // with separation, and with the next two points.
     template <typename Function>
     auto with_bandwidth(Function function) {
         constexpr int V = 3 * UAVS;
@@ -338,6 +345,7 @@ private:
         return function(std::integral_constant<int, 0>());
     }
 
+    // Factor the band from a column on; return the column at which this fails, or -1.
     std::ptrdiff_t factor(std::ptrdiff_t from) {
         return with_bandwidth([this, from](auto below) {
             return factor_band<below.value>(band.data(), factor_.data(), slots_ * size(), below_,
@@ -347,10 +355,10 @@ private:
 
     const std::size_t slots_;
     const int count_, shares_, rows_, below_;
-    const double unit_;  // Of the objective.
+    const double unit_;  // Unit of the objective.
     std::vector<double> factor_, right_, space_;
-    // Of the shares: blocks without them, ended by multipliers, and right sides.
-    std::vector<double> eliminated_, share_right_;
+    std::vector<double> eliminated_;   // Blocks after eliminating shares, with the multipliers.
+    std::vector<double> share_right_;  // Right sides of the shares.
     std::vector<char> convex_;
 };
 

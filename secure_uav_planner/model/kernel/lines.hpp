@@ -12,8 +12,8 @@
 
 namespace kernel {
 
-// The pieces of the curves of G pairs, each of a UAV and an obstacle, or of two UAVs whose
-// difference counts: K control points around each of M points.
+// The pieces of curves of G pairs, one piece of K control points around each of M points. A pair is
+// a UAV and an obstacle, or two UAVs; the curve of two UAVs is the difference of their positions.
 struct Pieces {
     Vectors control_points;     // (M, G, K).
     std::vector<char> ignored;  // Control points that do not vary, (M, G, K).
@@ -21,9 +21,9 @@ struct Pieces {
     int controls;
 };
 
-// c = normal . p - offset of every control point p, with the same line for all of a piece.
+// c = normal . p - offset for every control point p. All control points of a piece share a line.
 //
-// Lines are chosen before every step, and stay during its line search.
+// Lines are chosen before every step and are kept during its line search.
 class LineLimit : public Limit {
 public:
     explicit LineLimit(const Pieces& pieces)
@@ -33,6 +33,7 @@ public:
     int controls() const { return controls_; }
     bool has_lines() const override { return true; }
 
+    // Choose the lines of all pieces on a path.
     void choose_lines(const double* path, LineSet& lines) const override {
         std::vector<Point> points;
         vectors().find(path, false, points);
@@ -42,9 +43,10 @@ public:
     }
 
 protected:
-    // Choose the lines of the pieces around a point, (G, K), of which the first vector is given.
+    // Choose the lines of the `pieces` around a point, (G, K). `first` is the index of their first
+    // vector.
     virtual void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const = 0;
-    // Set the line of a piece, of which the first vector is given.
+    // Set the line of a piece. `first` is the index of its first vector.
     void set_line(std::size_t first, const Line& line, LineSet& lines) const {
         std::fill_n(lines.lines.begin() + first, controls_, line);
     }
@@ -60,7 +62,7 @@ inline double max_projection(const Point* points, int count, Point direction) {
     return most;
 }
 
-// How far points are beyond a line.
+// The distance of the nearest of several points beyond a line; negative if it is on the other side.
 inline double find_clearance(const Point* points, int count, const Line& line) {
     return -max_projection(points, count, -1.0 * line.normal) - line.offset;
 }
@@ -78,6 +80,7 @@ public:
         : LineLimit(pieces), sides_(std::move(sides)) {}
 
 protected:
+    // Set every pair's line to its side of the fence, which does not depend on the piece.
     void choose_lines_at(std::size_t first, const Point*, LineSet& lines) const override {
         for (std::size_t pair = 0; pair < pairs_; ++pair)
             set_line(first + pair * controls_, sides_[pair], lines);
@@ -102,11 +105,13 @@ public:
         : LineLimit(pieces), radii_(std::move(radii)) {}
 
 protected:
+    // Set every pair's line to the disc's tangent towards the piece's point nearest to the origin.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         for (std::size_t pair = 0; pair < pairs_; ++pair) {
             const Point* piece = pieces + pair * controls_;
             Point direction = find_nearest(piece, controls_);
-            // Where the piece contains the origin, its middle gives as good a direction as any.
+            // If the origin is on the piece's boundary, the vector has no direction, and the
+            // piece's middle gives one.
             if (!(std::sqrt(dot(direction, direction)) > ZERO_LENGTH))
                 direction = mean_point(piece, controls_);
             const double length = std::sqrt(dot(direction, direction));
@@ -139,8 +144,8 @@ private:
 // Lines to the nearest of Z convex polygons for each of A UAVs.
 class ZoneLimit : public LineLimit {
 public:
-    // The polygons are (A, Z, V), counter-clockwise; the last vertex may be repeated. Of each of
-    // the A UAVs there are as many pairs, one for a line, that follow each other.
+    // `polygons` (A, Z, V) are counter-clockwise; the last vertex may be repeated. The pairs of a
+    // UAV follow each other, one for each of its lines; every UAV has the same number of lines.
     ZoneLimit(const Pieces& pieces, std::vector<Point> polygons, int zoned_uavs, int zones,
               int vertices)
         : LineLimit(pieces), polygons_(std::move(polygons)), zoned_uavs_(zoned_uavs),
@@ -150,6 +155,8 @@ public:
     }
 
 protected:
+    // Set each UAV's lines to its nearest zones. With more zones than lines, limit the moves of the
+    // piece to the clearance of the nearest zone that has no line.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         std::vector<Line> candidates(zones_);
         Reals clearances(zones_);
@@ -166,7 +173,7 @@ protected:
                                              std::size_t(uav) * zones_ + zone, clearances[zone]);
             std::iota(order.begin(), order.end(), 0);
             if (zones_ > lines_) {
-                // Sorted again by number, so that duals stay with their zones.
+                // The nearest zones are sorted by number, so that duals stay with their zones.
                 std::stable_sort(order.begin(), order.end(), [&](int i, int j) {
                     return clearances[i] < clearances[j];
                 });
@@ -180,12 +187,13 @@ protected:
     }
 
 private:
-    // Beyond this many lengths of a piece, and this distance, the line need not be exact.
+    // Distance up to which a line is exact: NEAR lengths of the piece plus LEAST_NEAR.
     static constexpr double NEAR = 4.0, LEAST_NEAR = 1e-3;
-    static constexpr double TOUCHING = 1e-9;  // Nearer points have no direction between them.
+    static constexpr double TOUCHING = 1e-9;  // Least distance of points that gives a direction.
 
-    // Find the line between a piece and a polygon, and the piece's distance beyond it. It is exact
-    // if the piece is near, else perpendicular to the way from the polygon's centre.
+    // Find a line between a piece and a polygon, and the piece's `clearance` beyond it. For a piece
+    // nearer than `near` it is the polygon's tangent that is farthest from the piece. Otherwise it
+    // is the tangent across the way from the polygon's centre to the piece's middle.
     Line find_line(const Point* piece, Point middle, double near, std::size_t polygon,
                    double& clearance) const {
         const Point* vertices = &polygons_[polygon * vertices_];
@@ -201,9 +209,8 @@ private:
         return line;
     }
 
-    // Find the tangent of a polygon that leaves a piece farthest on the other side: its normal is
-    // the vector between the nearest points. Where they overlap, find the one beyond which the
-    // piece must be moved least.
+    // Find the tangent of a polygon from which a piece on its other side is farthest: its normal is
+    // the vector between the nearest points. If they overlap, call minimise_shift.
     Line separate(const Point* piece, const Point* polygon) const {
         Point nearest{};
         double least = INFINITE;
@@ -228,7 +235,8 @@ private:
         return minimise_shift(piece, polygon);
     }
 
-    // Find the line along an edge of either that needs the least shift of the piece.
+    // Find the line parallel to an edge of piece or polygon beyond which the piece, which overlaps
+    // the polygon, must be moved least.
     Line minimise_shift(const Point* piece, const Point* polygon) const {
         Line best{{0.0, 0.0}, 0.0};
         double most = -INFINITE;

@@ -1,4 +1,4 @@
-// What the kernel asks of a channel model; a new model is one subclass of LinkGains.
+// The interface of a channel model in the kernel. A new model is one subclass of LinkGains.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,9 @@ public:
     virtual ~LinkGains() = default;
     std::size_t links() const { return links_; }
 
+    // Return the gain at a squared distance.
     virtual double gain(std::size_t link, double squared) const = 0;
+    // Return the gain at a squared distance, with its derivatives.
     virtual Gain derivatives(std::size_t link, double squared) const = 0;
 
 private:
@@ -37,7 +39,7 @@ private:
 // Line of sight with free-space path loss: snr / (d^2 + H^2).
 class FreeSpace final : public LinkGains {
 public:
-    // SNR at unit distance and unit power, and H^2, of every link.
+    // `snr`: SNR at unit distance and unit power. `squared_altitudes`: H^2. One for each link.
     FreeSpace(std::vector<double> snr, std::vector<double> squared_altitudes)
         : LinkGains(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)) {}
@@ -74,8 +76,8 @@ public:
         double first, second, third;
     };
 
-    // SNR, H^2, kappa, steepness and shift of every link; kappa is 1 where a link has a line of
-    // sight.
+    // `snr`, `squared_altitudes` (H^2), `losses` (kappa), `steepness` and `shift`, one for each
+    // link. A link that always has a line of sight has kappa = 1.
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
              std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
              double exponent, bool quantile)
@@ -91,10 +93,11 @@ public:
         return losses_[link] < 1.0 ? clear * sight(link, squared).factor : clear;
     }
 
+    // Differentiate by way of log gain = const - exponent / 2 log(d^2 + H^2) + log M.
     Gain derivatives(std::size_t link, double squared) const override {
         const double inverse = 1.0 / (squared + squared_altitudes_[link]);
         double value = snr_[link] * power(squared + squared_altitudes_[link]);
-        // Of log gain by the squared distance.
+        // The derivatives of log gain by the squared distance.
         double first = -0.5 * exponent_ * inverse, second = -first * inverse;
         if (losses_[link] < 1.0) {
             squared = std::max(squared, LEAST);
@@ -138,8 +141,8 @@ public:
     }
 
 private:
-    static constexpr double DEGREES = 57.295779513082320877;  // In a radian.
-    static constexpr double LEAST = 1e-60;  // Squared distance above which derivatives are finite.
+    static constexpr double DEGREES = 57.295779513082320877;  // Degrees of one radian.
+    static constexpr double LEAST = 1e-60;  // Least squared distance with finite derivatives.
 
     // M, and the derivatives of log M by z.
     struct Sight {
@@ -159,12 +162,13 @@ private:
         return 1.0 / (1.0 + std::exp(-z(link, squared)));
     }
 
+    // Return M at a squared distance, with the derivatives of log M by z.
     Sight sight(std::size_t link, double squared) const {
         const double loss = losses_[link];
         if (quantile_) {
             const double at = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - at;
             const double scale = -std::log(loss), product = at * rest;
-            // 1 - S, so that no digit is lost where it is small.
+            // 1 - S by its own formula, which loses no digit where 1 - S is small.
             const double missing = rest * rest * rest * (1.0 + 3.0 * at + 6.0 * at * at);
             return {std::exp(-scale * missing), scale * 30.0 * product * product,
                     scale * 60.0 * product * (rest - at)};

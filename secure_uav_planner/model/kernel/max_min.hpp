@@ -1,8 +1,8 @@
-// Several ground nodes: the least of their means over weights is to be as large as possible.
+// The objective with several ground nodes: to maximise the least of the nodes' weighted means.
 //
-// A node's mean is an offset and that over the slots of its rates, less the leak, in its shares of
-// them. The least of the means, eta, has -N mu log(mean - eta) for every node, and is eliminated,
-// as t is from leaks.
+// The weighted mean of a node is (offset + mean over the slots of share (rate - leak)) / weight.
+// The least of these means is smoothed: it is the maximum over eta of eta + mu sum log(mean - eta).
+// The barrier function has N times this maximum, with the sign changed.
 #pragma once
 
 #include <algorithm>
@@ -13,9 +13,9 @@
 
 namespace kernel {
 
-// When shares are first found: decrease of the barrier parameter, steps for each and their range.
-constexpr double SHARES_MU_FACTOR = 0.25, PRICE_FACTOR = 4.0;
-constexpr int SHARE_STEPS = 3;
+constexpr double SHARES_MU_FACTOR = 0.25;  // Decrease of the barrier parameter in find_shares.
+constexpr double PRICE_FACTOR = 4.0;  // Largest factor by which find_shares changes a price a step.
+constexpr int SHARE_STEPS = 3;        // Steps in find_shares for each barrier parameter.
 
 class MaxMin {
 public:
@@ -25,14 +25,14 @@ public:
           size_(3 * problem.uavs), rate_unit_(problem.rate_unit),
           gradients_(slots_ * nodes_ * size_), changes_(nodes_) {}
 
-    // The offsets of the nodes' means, over their weights and summed over the slots, (G).
+    // N times each node's offset over its weight, (G).
     Reals sum_offsets() const {
         Reals sums(offsets_);
         for (int k = 0; k < nodes_; ++k) sums[k] *= double(slots_) / weights_[k];
         return sums;
     }
 
-    // Find the nodes' slacks, the means less eta, and return their part of the barrier function.
+    // Find the nodes' slacks, mean - eta, and return the nodes' part of the barrier function.
     double evaluate(const double* shares, double mu, Evaluation& here) const {
         Reals& slacks = here.node_slacks;
         slacks = sum_offsets();
@@ -44,8 +44,8 @@ public:
         return double(slots_) * (largest - mu * gaps.total());
     }
 
-    // Find the shares, (N, G), that maximise the barrier function for the rates of an evaluation,
-    // by Newton's method on its dual, in which a node's rates have a price.
+    // Find the shares, (N, G), that minimise the barrier function for the rates of an evaluation.
+    // Newton's method on the dual problem finds a price for each node's rates.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
         const int G = nodes_, H = G + 1;
         const Reals offsets = sum_offsets();
@@ -94,10 +94,10 @@ public:
         for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu);
     }
 
-    // Extend derivatives to the shares of a slot, of which the first is 1 less the others: its
-    // Hessian in x, (V, V), to one of both, (V + G - 1, V + G - 1), and the gradient to that of
-    // the shares, (G - 1). `rates` are the gradients of the nodes' rates in the slot, (G, V), and
-    // `leaks` those of their leaks, (G, V).
+    // Extend the derivatives of a slot from x to its G - 1 variable shares; the first share is 1
+    // minus their sum. `rates` and `leaks` (G, V) are the gradients of the nodes' rates and leaks
+    // in the slot, and `block` (V, V) is the Hessian in x. Fill the `gradient` by the shares,
+    // (G - 1), and the `hessian` in x and shares, (V + G - 1, V + G - 1).
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
                     const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;
@@ -119,8 +119,9 @@ public:
         }
     }
 
-    // Fill the rows of the nodes, those of the variables being R long, and their ratios: the
-    // gradients of the slacks, less their mean because eta is eliminated.
+    // Fill the nodes' dense rows of the linear system and their ratios. A row is the gradient of a
+    // node's slack minus the weighted mean of these gradients, because eta is eliminated. Numbers
+    // of successive variables are R apart in `rows`.
     void fill_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const int G = nodes_, V = size_, S = G - 1;
         double total = 0.0;
@@ -153,8 +154,8 @@ public:
         }
     }
 
-    // Find the Newton step of the duals along a step, and lower its length for them; `rows` as
-    // from fill_rows.
+    // Find the Newton step of the duals along a step, and lower its `length` so that they stay
+    // positive. `rows` are filled by fill_rows.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
                            const double* rows, double& length) {
         const int G = nodes_;
@@ -174,8 +175,8 @@ private:
     const std::size_t slots_;
     const int nodes_, size_;
     const double rate_unit_;
-    Reals gradients_;  // Of the nodes' rates less the leak, over their weights, (N, G, V).
-    Reals changes_;    // Of the duals, (G).
+    Reals gradients_;  // Gradients of (rate - leak) / weight of each node, (N, G, V).
+    Reals changes_;    // Newton step of the duals, (G).
 };
 
 }  // namespace kernel

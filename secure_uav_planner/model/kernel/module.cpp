@@ -38,6 +38,7 @@ std::shared_ptr<kernel::PathLoss> make_path_loss(
         copy_reals(shift, "shift", links), exponent, quantile);
 }
 
+// Return bounds of the first three derivatives of log gain; see core.pyi.
 py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, double near,
                          double far) {
     expect(link < channel.links() && near <= far, "link, near, far");
@@ -45,6 +46,7 @@ py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, doub
     return py::make_tuple(bounds.first, bounds.second, bounds.third);
 }
 
+// Return the gain without and with derivatives, and its two derivatives: for tests.
 py::tuple find_gain(const kernel::LinkGains& gains, std::size_t link, double squared) {
     expect(link < gains.links(), "link");
     const kernel::Gain gain = gains.derivatives(link, squared);

@@ -1,8 +1,8 @@
 // A primal-dual interior-point method for (P1) and (P2), one start at a time.
 //
-// The objective is that of Rates, in nats; Constraints have barrier terms. Limits couple few
-// neighbouring slots, average powers and nodes all by one row each, so the Hessian is a band and a
-// few rows, and a step costs time linear in the number of slots.
+// Rates have the objective, in nats; Constraints have the barrier terms. A limit couples a few
+// neighbouring slots. An average power, or a ground node, couples all slots by one dense row. So
+// the Hessian is a band plus a few rows, and the time of a step is linear in the number of slots.
 #include "newton.hpp"
 
 #include <algorithm>
@@ -16,14 +16,19 @@ namespace kernel {
 
 namespace {
 
-// Linear and superlinear decrease of mu, kappa_mu and theta_mu of IPOPT, and when: at most this
-// Newton decrement for each UAV, or this many steps for one mu.
-constexpr double MU_FACTOR = 0.2, MU_POWER = 1.5, CENTRED = 0.5;
+// Linear and superlinear decrease of mu: kappa_mu and theta_mu of IPOPT.
+constexpr double MU_FACTOR = 0.2, MU_POWER = 1.5;
+// Largest Newton decrement, for each UAV, at which mu decreases.
+constexpr double CENTRED = 0.5;
+// Number of steps with one mu after which mu decreases in any case.
 constexpr int PATIENCE = 15;
-// The Newton decrement, or the gain in units of rates a slot, below which a start has converged.
-constexpr double CONVERGED = 0.01, NEGLIGIBLE = 1e-8;
+// Newton decrement below which a start has converged.
+constexpr double CONVERGED = 0.01;
+// Expected gain of a step, in units of rates for each slot, below which a start has converged.
+constexpr double NEGLIGIBLE = 1e-8;
 
-// Decide after a step of a length whether the start has finished, and lower its barrier parameter.
+// Decide after a step whether the start has finished, and lower its barrier parameter if it is
+// centred or stalled.
 void update_mu(Iterate& iterate, int uavs, double length, double decrement, double final_mu) {
     const double mu = *iterate.mu;
     ++iterate.steps_at_mu;
@@ -38,7 +43,8 @@ void update_mu(Iterate& iterate, int uavs, double length, double decrement, doub
     }
 }
 
-// For numbers of UAVs and channel models as Rates are.
+// UAVS is the number of UAVs if it is known when compiling, or 0 for any number. Model is the
+// channel model, or LinkGains for any model.
 template <int UAVS, class Model>
 class PrimalDualNewton final : public Newton {
 public:
@@ -53,6 +59,7 @@ public:
             system_.rows[3 * i * rows_ + i % p_.uavs] = -1.0 / double(p_.slots);
     }
 
+    // Find the shares that are best for x, evaluate, and set the duals to their central values.
     void initialise(Iterate& iterate) override {
         const double mu = find_mu(iterate);
         Evaluation& here = iterate.evaluation;
@@ -69,6 +76,8 @@ public:
         for (const double slack : here.node_slacks) iterate.node_duals.push_back(mu / slack);
     }
 
+    // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
+    // If the system cannot be solved, x stays and the outcome is `failed`.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
         const double mu = find_mu(iterate);
         update_evaluation(iterate);
@@ -98,7 +107,7 @@ public:
     double evaluate_rate(const Iterate& iterate) override { return rates_.find_mean(iterate); }
 
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
-        iterate.is_evaluated = false;  // Its arrays may have changed.
+        iterate.is_evaluated = false;  // The caller may have changed its arrays.
         update_evaluation(iterate);
         rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
         add_gradient(iterate, find_mu(iterate), gradient);
@@ -114,7 +123,7 @@ private:
         return path_.data();
     }
 
-    // Choose lines and evaluate the iterate; if only lines changed, only their terms.
+    // Choose lines, and evaluate the iterate. If it was evaluated, evaluate only limits with lines.
     void update_evaluation(Iterate& iterate) {
         constraints_.choose_lines(iterate.x, iterate.evaluation, trial_);
         if (iterate.is_evaluated)
@@ -129,14 +138,14 @@ private:
         constraints_.evaluate(x, shares, objective, mu, here);
     }
 
-    // Add the gradient of all but the rates.
+    // Add the gradient of the barrier terms and of the energy's price.
     void add_gradient(const Iterate& iterate, double mu, double* gradient) {
         constraints_.add_gradient(iterate.evaluation, mu, gradient);
         if (p_.energy) p_.energy->add_gradient(find_path(iterate.x), gradient);
     }
 
-    // Complete the system: gradient, rows, and the band from the blocks of the objective and the
-    // curvature of all limits.
+    // Complete the linear system from the derivatives of the rates: add the other gradients, fill
+    // the dense rows, and sum the band from the rates' blocks and the limits' curvature.
     void assemble(const Iterate& iterate, double mu) {
         const Band band{system_.band.data(), system_.height()};
         add_gradient(iterate, mu, gradient_.data());
@@ -155,7 +164,7 @@ private:
         for (int u = 0; u < p_.uavs; ++u) ratios_[u] = constraints_.mean_ratio(iterate, u);
     }
 
-    // Set all derivatives by a variable in x of a slot to zero.
+    // Set all derivatives by variable j of x in slot n to zero.
     void clear(std::size_t n, int j) {
         const int width = size_ + p_.shares();
         double* block = &system_.blocks[n * width * width];
@@ -164,8 +173,8 @@ private:
         gradient_[n * size_ + j] = 0.0;
     }
 
-    // Move the duals along with the step, as far as they stay positive, and the iterate to the
-    // last trial if that was taken.
+    // Move the duals along their step while they stay positive. Move the iterate to the last trial
+    // if the line search took it.
     void move(Iterate& iterate, double mu, bool taken) {
         double length = 1.0;
         constraints_.find_dual_changes(iterate, mu, length);
@@ -181,16 +190,18 @@ private:
     }
 
     const BarrierProblem& p_;
-    const int size_, rows_;  // Variables in x of a slot, and rows: of average powers and nodes.
+    const int size_;  // Number of variables in x of a slot.
+    const int rows_;  // Number of dense rows: one for each average power and each of several nodes.
     Rates<UAVS, Model> rates_;
     Constraints<UAVS> constraints_;
     LineSearch<UAVS> line_search_;
     NewtonSystem<UAVS> system_;
     Evaluation trial_;
     Reals gradient_, step_, ratios_, path_;
-    std::vector<int> fixed_;  // Those of the variables of a slot that do not vary.
+    std::vector<int> fixed_;  // Indices of the variables in x of a slot that do not vary.
 };
 
+// Make a Newton that is compiled for the number of UAVs, up to 4, or for any number.
 template <class Model>
 std::unique_ptr<Newton> make_newton_for(const BarrierProblem& problem) {
     switch (problem.uavs) {

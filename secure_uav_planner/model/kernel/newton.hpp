@@ -13,22 +13,22 @@
 
 namespace kernel {
 
-// The ground nodes, the eavesdroppers, and ground nodes again that hear what is sent to the other
-// ones, K in all.
+// K receivers in this order: G ground nodes, the eavesdroppers, and as listeners those ground nodes
+// again that hear what the other nodes are sent.
 struct Receivers {
-    int count;
-    std::vector<int> listeners;  // The numbers of the latter among the ground nodes.
-    Reals weights;    // Of the ground nodes, which come first, (G).
-    Reals offsets;    // Of their mean rates, in nats, (G).
+    int count;                   // K.
+    std::vector<int> listeners;  // The index among the ground nodes of each listener.
+    Reals weights;    // Weights of the ground nodes, (G).
+    Reals offsets;    // Offsets of the ground nodes' mean rates in nats, (G).
     Reals positions;  // (N, K, 2).
     Reals radii;      // What the guarantee adds to a jammer's distance, (N, K).
 };
 
-// Places that stand for the discs of the eavesdroppers, P for each; see joint/exchange.py.
+// P places in the disc of each eavesdropper, which represent the disc; see joint/exchange.py.
 struct Places {
-    std::vector<char> followed;  // Whether they move along with the UAVs, (N, E P).
-    Reals offsets;               // From the centres of their discs, (N, E P, 2).
-    Reals radii;                 // Of their discs, (N, E P).
+    std::vector<char> followed;  // Whether a place moves along with the UAVs, (N, E P).
+    Reals offsets;               // Place minus centre of its disc, (N, E P, 2).
+    Reals radii;                 // Radius of the place's disc, (N, E P).
 };
 
 // A problem on a grid: (P1) with places, or (P2) without.
@@ -36,29 +36,29 @@ struct BarrierProblem {
     std::size_t slots;
     int uavs;
     Reals starts, goals;      // (U, 2).
-    std::vector<char> fixed;  // UAVs whose positions are no variables, (U).
-    Reals peaks;              // (U).
+    std::vector<char> fixed;  // Whether a UAV's positions stay as they are, (U).
+    Reals peaks;              // Peak powers, (U).
     std::vector<std::shared_ptr<const Limit>> limits;
     Receivers receivers;
     std::shared_ptr<const LinkGains> gains;
     Places places;
-    double rate_unit = 1.0;  // In nats.
-    std::shared_ptr<const EnergyCost> energy;  // Or none.
+    double rate_unit = 1.0;  // The unit of rates, in nats.
+    std::shared_ptr<const EnergyCost> energy;  // Null without a price of energy.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     int nodes() const { return int(receivers.weights.size()); }
     int listeners() const { return int(receivers.listeners.size()); }
-    // All that the leak counts with: the eavesdroppers and, behind them, the listeners.
+    // The number of receivers to which a slot may leak: eavesdroppers, then listeners.
     int hearers() const { return receivers.count - nodes(); }
     int eavesdroppers() const { return hearers() - listeners(); }
-    // The shares that vary in a slot: the first node has what the others leave.
+    // The number of variable shares in a slot; the first node has 1 minus their sum.
     int shares() const { return nodes() - 1; }
-    // The number of slacks of all shares, (N, G), where any vary.
+    // The number of slacks of shares: all shares, (N, G), or 0 for a single node.
     std::size_t share_slacks() const { return shares() ? slots * nodes() : 0; }
     // The number of variables: powers and positions, (N, U, 3), and shares, (N, G - 1).
     std::size_t variables() const { return slots * (3 * uavs + shares()); }
 
-    // Fill the points of flights, or their moves along a step, (N + 2, U, 2).
+    // Fill the points of flights, (N + 2, U, 2), from x; or the points' moves from a step.
     void fill_path(const double* x, Reals& path, bool moves = false) const {
         const std::size_t width = 2 * uavs;
         path.assign((slots + 2) * width, 0.0);
@@ -78,40 +78,42 @@ struct BarrierProblem {
     }
 };
 
-// What a receiver receives: the transmitter's signal, and interference with noise.
+// Powers at a receiver, over the noise power: the signal, and interference plus noise.
 struct Reception {
     double signal, interference;
 
     double total() const { return interference + signal; }
     double sinr() const { return signal / interference; }
     bool is_weak() const { return signal < 1e-2 * interference; }
-    // The rate in nats, accurate to rounding where it is small.
+    // The rate in nats, to full relative accuracy also if it is small.
     double rate() const { return is_weak() ? std::log1p(sinr()) : std::log(1.0 + sinr()); }
 };
 
 // The barrier function at one x, and its intermediate results.
 struct Evaluation {
     double value = 0.0;                 // Infinite outside the limits.
-    Reals squared, distance;            // The guarantee's d^2, and its rounded d, (N, K, U).
+    Reals squared, distance;            // The guarantee's d^2, and its softened d, (N, K, U).
     std::vector<Reception> receptions;  // (N, K).
-    Reals leak_slacks;                  // Where the largest of several counts, (N, E) by leak.
-    Reals node_rates, node_slacks;      // Of several nodes, over their weights, (N, G), (G).
-    // Of every Limit, of the peaks, (N, U, 2), of the average powers, (U), and of the shares.
+    Reals leak_slacks;   // Slacks t - rate, (N, E) for each leak; only if the largest rate leaks.
+    Reals node_rates;    // (Rate - leak) / weight, (N, G); only with several nodes.
+    Reals node_slacks;   // Slacks mean - eta, (G); only with several nodes.
+    // Slacks of every Limit, of the peaks (N, U, 2), of the average powers (U), and of the shares.
     std::vector<Slacks> slacks;
     double value_without_lines = 0.0;   // The value without the limits that have lines.
 };
 
 // The iterate of one start.
 struct Iterate {
-    double* x = nullptr;        // (N, U, 3), in an array of the caller.
-    double* shares = nullptr;   // Of the slots, for the ground nodes, (N, G), likewise.
-    double* mu = nullptr;       // Likewise, in units of rates.
-    bool* finished = nullptr;   // Likewise.
-    int steps_at_mu = 0;
-    std::vector<Reals> duals;   // As the slacks.
-    Reals leak_duals;           // Likewise.
-    Reals node_duals;           // Likewise, (G).
-    bool is_evaluated = false;  // True if `evaluation` is that at x and mu.
+    // Pointers into arrays of the caller.
+    double* x = nullptr;        // Powers and positions, (N, U, 3).
+    double* shares = nullptr;   // Fractions of the slots for the ground nodes, (N, G).
+    double* mu = nullptr;       // Barrier parameter in units of rates.
+    bool* finished = nullptr;   // Whether the start has converged or stalled.
+    int steps_at_mu = 0;        // Number of steps with the present mu.
+    std::vector<Reals> duals;   // Duals of `slacks` in Evaluation, with their shapes.
+    Reals leak_duals;           // Duals of `leak_slacks`; their sum is 1 in each slot of a leak.
+    Reals node_duals;           // Duals of `node_slacks`, (G); their sum is 1.
+    bool is_evaluated = false;  // Whether `evaluation` belongs to the present x and mu.
     Evaluation evaluation;
 };
 
@@ -121,15 +123,15 @@ enum class Outcome { stepped, failed, stopped };
 class Newton {
 public:
     virtual ~Newton() = default;
-    // Set the shares and the duals to their central values.
+    // Set the shares to the best for x, and the duals to their central values.
     virtual void initialise(Iterate& iterate) = 0;
-    // Take a step; `stop` is looked at between its parts.
+    // Take a step. Once `stop` is true it ends early and leaves x, shares and mu as they are.
     virtual Outcome take_step(Iterate& iterate, double final_mu,
                               const std::atomic<bool>& stop) = 0;
-    // Find the mean rate against the receivers, losing slots silenced, in nats.
+    // Find the least weighted mean secrecy rate in nats, with 0 for negative rates.
     virtual double evaluate_rate(const Iterate& iterate) = 0;
-    // Find the barrier function at x, its gradient, (N, U, 3), and that of the shares behind it,
-    // (N, G - 1), and the lower triangles of the objective's Hessian slot by slot.
+    // Find the barrier function at x and its derivatives. `gradient` is by x, (N, U, 3), and behind
+    // it by the shares, (N, G - 1). `hessian` has the objective's lower triangles, slot by slot.
     virtual double evaluate(Iterate& iterate, double* gradient, double* hessian) = 0;
 };
 

@@ -5,7 +5,7 @@
 
 namespace kernel {
 
-constexpr double TINY = 1e-300;  // What a divisor is at least.
+constexpr double TINY = 1e-300;  // Least divisor, so that no quotient of zeros is NaN.
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 }  // namespace kernel

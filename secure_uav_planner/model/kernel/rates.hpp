@@ -1,5 +1,5 @@
-// The objective: the sum of all slots' leaks less r_0, or that of several ground nodes, with their
-// derivatives and the duals in them.
+// The objective, to be minimised: the sum over the slots of leak minus r_0. With several ground
+// nodes it is minus the least weighted mean, in max_min.hpp. Also its derivatives and duals.
 #pragma once
 
 #include <algorithm>
@@ -12,9 +12,10 @@
 
 namespace kernel {
 
-constexpr double SOFTENING = 0.3;  // Rounding of the kink above an eavesdropper, in sqrt(mu).
+constexpr double SOFTENING = 0.3;  // Softening of the kink above a receiver, over sqrt(mu).
 
-// For a number of UAVs and a channel model as Signals are.
+// UAVS is the number of UAVs if it is known when compiling, or 0 for any number. Model is the
+// channel model, or LinkGains for any model.
 template <int UAVS, class Model>
 class Rates {
 public:
@@ -23,7 +24,7 @@ public:
           several_(problem.nodes() > 1), weights_(receivers()), central_(receivers()),
           gradients_(p_.slots * receivers() * size()), block_(size() * size()),
           leak_gradients_(p_.nodes() * size()) {
-        // A single one is that of all nodes where no node listens.
+        // If no node listens, all nodes share one leak.
         const int leaks = p_.listeners() ? p_.nodes() : 1;
         leaks_.reserve(leaks);
         for (int k = 0; k < leaks; ++k)
@@ -33,7 +34,7 @@ public:
         leak_central_.resize(leaks);
     }
 
-    // The mean rate, or the least of the weighted ones, losing slots silenced, in nats.
+    // The least weighted mean of the nodes' secrecy rates in nats, with 0 for negative rates.
     double find_mean(const Iterate& iterate) {
         const int G = p_.nodes();
         Reals means = nodes.sum_offsets();
@@ -50,7 +51,7 @@ public:
         return *std::min_element(means.begin(), means.end()) / double(p_.slots);
     }
 
-    // Find the rates at an x, and return their part of the barrier function.
+    // Find the rates at an x. Return the objective, with the smoothing terms of leaks and nodes.
     double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
@@ -73,11 +74,13 @@ public:
                     (at[k].rate() - node_leaks_[leak_of(k)]) / p_.receivers.weights[k];
         }
         if (several_) return nodes.evaluate(shares, mu, here);
-        // A sum that is smooth lacks the t = mu of every slot.
+        // A leak without an epigraph variable has no term mu, which is added here for each slot.
+        // So values with one eavesdropper and with several are comparable.
         return sum.total(mu, here.leak_slacks.empty() ? mu * double(p_.slots) : 0.0);
     }
 
-    // Find gradient and Hessian of the objective, and what update_duals needs.
+    // Find the gradient, with weights mu / slack, and the primal-dual Newton matrix, with duals in
+    // their place. Keep the rates' gradients for update_duals.
     void differentiate(const Iterate& iterate, double mu, double* gradients, double* hessians) {
         const int K = receivers(), V = size(), G = p_.nodes(), W = V + p_.shares();
         for (std::size_t n = 0; n < p_.slots; ++n) {
@@ -107,8 +110,8 @@ public:
         }
     }
 
-    // Move the duals of leaks and nodes, whose sums are 1, along with a step, as far as all duals
-    // stay positive; `length` is that of the duals of the limits, `rows` as in MaxMin::fill_rows.
+    // Move the duals of leaks and nodes along their step while they stay positive. `length` is
+    // the step length of the limits' duals, and is lowered. `rows` are filled by MaxMin::fill_rows.
     void update_duals(Iterate& iterate, const double* step, double mu, int R, const double* rows,
                       double& length) {
         const int V = size();
@@ -120,13 +123,14 @@ public:
         if (several_) nodes.move_duals(iterate, length);
     }
 
-    MaxMin nodes;  // Where there are several.
+    MaxMin nodes;  // Used only with several ground nodes.
 
 private:
     int size() const { return 3 * (UAVS ? UAVS : p_.uavs); }
     int receivers() const { return p_.receivers.count; }
     std::size_t leak_of(int node) const { return leaks_.size() > 1 ? node : 0; }
 
+    // Give the arrays that `evaluate` fills their sizes.
     void resize(Evaluation& here) const {
         here.receptions.resize(p_.slots * receivers());
         here.squared.resize(p_.slots * receivers() * p_.uavs);
@@ -134,8 +138,8 @@ private:
         if (several_) here.node_rates.resize(p_.slots * p_.nodes());
     }
 
-    // Find the derivatives of the objective by the rates of a slot, and the weights of the rates'
-    // Hessians, and the leaks', in its own.
+    // Find for slot n the derivatives of the objective by the receivers' rates (central_), and the
+    // weights of the rates' and leaks' Hessians in the Newton matrix (weights_, leak_weights_).
     void weigh(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
         std::fill(weights_.begin(), weights_.end(), 0.0);
@@ -163,12 +167,14 @@ private:
 
     const BarrierProblem& p_;
     Signals<UAVS, Model> signals_;
-    std::vector<Leak<UAVS>> leaks_;  // For each node, (G), or a single one.
+    std::vector<Leak<UAVS>> leaks_;  // One for each node, or one for all nodes.
     const bool several_;             // Whether there are several ground nodes.
-    Reals weights_, central_;        // Of the rates of a slot, (K).
-    Reals node_leaks_, leak_weights_, leak_central_;  // Of a slot, as leaks_.
-    Reals gradients_;                // Of all rates, (N, K, V).
-    Reals block_, leak_gradients_;   // Of a slot, (V, V) and (G, V).
+    Reals weights_, central_;        // For the rates of a slot; see weigh, (K).
+    Reals node_leaks_;               // The leaks of a slot in nats, one for each of leaks_.
+    Reals leak_weights_, leak_central_;  // For the leaks of a slot; see weigh.
+    Reals gradients_;                // Gradients of all receivers' rates, (N, K, V).
+    Reals block_;                    // Hessian of a slot in x, (V, V).
+    Reals leak_gradients_;           // Gradients of a slot's leak for each node, (G, V).
     Evaluation scratch_;
 };
 

@@ -1,8 +1,8 @@
-// What is received from the UAVs in a slot, and the derivatives of a receiver's rate.
+// Powers received from the UAVs in a slot, and the derivatives of a receiver's rate.
 //
-// A rate is log(1 + S + J) - log(1 + J): the logarithm of the total received power less that of
-// interference and noise. By the chain rule, both need only the gain's two derivatives by the
-// squared distance and that distance's by the position.
+// A rate is log(1 + S + J) - log(1 + J): the logarithm of the total received power minus the
+// logarithm of interference and noise. By the chain rule, both logarithms need only the gain's two
+// derivatives by the squared distance and the derivatives of the squared distance by the position.
 #pragma once
 
 #include <algorithm>
@@ -13,12 +13,12 @@
 
 namespace kernel {
 
-constexpr double LEAST_SQUARE = 1e-30;  // Added to d^2, whose root then has a gradient.
-constexpr double ON_EDGE = 1.0 - 1e-6;  // Distance of a place from the centre, in radii.
-constexpr double FLATTEST = 0.01;  // Least curvature of a place, as a share of the largest.
+constexpr double LEAST_SQUARE = 1e-30;  // Added to d^2, so that its root has a gradient.
+constexpr double ON_EDGE = 1.0 - 1e-6;  // Least distance from the centre, in radii, on the edge.
+constexpr double FLATTEST = 0.01;  // Least curvature of a place, over its largest derivative.
 
-// For a number of UAVs and a channel model that are known when compiling, or for any (UAVS = 0,
-// LinkGains).
+// UAVS is the number of UAVs if it is known when compiling, or 0 for any number. Model is the
+// channel model, or LinkGains for any model.
 template <int UAVS, class Model>
 class Signals {
 public:
@@ -27,8 +27,8 @@ public:
           receivers_(problem.receivers.count), signals_(problem.uavs),
           space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
 
-    // Find the receptions in a slot, (K). The kink of a jammer's distance d at 0 is rounded: d
-    // becomes sqrt(d^2 + soft), which only raises it and so lowers the rate.
+    // Find the receptions in a slot, (K). The kink of a jammer's distance d at 0 is softened: d
+    // becomes sqrt(d^2 + soft), which only raises d and so lowers the secrecy rate.
     const Reception* receive(const double* x, std::size_t n, double soft,
                              Evaluation& here) const {
         for (int k = 0; k < receivers_; ++k) {
@@ -48,8 +48,9 @@ public:
         return &here.receptions[n * receivers_];
     }
 
-    // Find the gradient of a rate by the variables of its slot, (V), and add the lower triangle of
-    // its Hessian, (V, V), with a weight.
+    // Find the gradient of receiver k's rate by the variables of slot n, (V). Add the lower
+    // triangle of the rate's Hessian, (V, V), times a weight. For a place that moves along with the
+    // UAVs the Hessian includes the place's moves.
     void differentiate(const Iterate& iterate, std::size_t n, int k, double weight,
                        double* gradient, double* hessian) {
         const int V = 3 * uavs();
@@ -106,8 +107,8 @@ private:
         return u ? radius : -radius;
     }
 
-    // Find the distance d from a UAV to a receiver, which is rounded at a jammer's kink, and
-    // ([d + edge]^+)^2. A gain with a kink of its own is that of (d + edge)^2 + soft.
+    // Find the distance d from a UAV to a receiver, softened at a jammer's kink, and the squared
+    // distance ([d + edge]^+)^2. For a gain with a kink of its own, soft is added to the square.
     void find_distance(const double* x, std::size_t n, int k, int u, double soft,
                        double& distance, double& squared) const {
         const double* at = position(n, k);
@@ -117,12 +118,13 @@ private:
         distance = 0.0;
         if (edge != 0.0) {
             distance = std::sqrt(squared + ((edge > 0.0 ? soft : 0.0) + LEAST_SQUARE));
-            // Without the softening in its first term.
+            // The first term is d^2 without the softening.
             squared = distance > -edge ? squared + edge * (2.0 * distance + edge) : 0.0;
         }
         if constexpr (Model::KINKED) squared += soft;
     }
 
+    // Find UAV u's signal at receiver k in slot n, with its derivatives by the UAV's position.
     Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
         const std::size_t i = (n * receivers_ + k) * uavs() + u;
         const double* x = iterate.x + (n * uavs() + u) * 3;
@@ -141,16 +143,16 @@ private:
                 4.0 * gain.second * stretch * stretch - 2.0 * gain.first * curvature};
     }
 
-    // Add the curvature from the worst place of a disc moving along with the UAVs, after
-    // differentiate has found the signals there.
+    // Add the curvature that comes from a disc's worst place moving along with the UAVs. Called
+    // after differentiate has found the signals at this place.
     //
-    // For f(x) = max_w g(x, w) it is -g_xw g_ww^-1 g_wx at the worst place w, which is on top of
-    // g_xx; for a place on the edge of its disc, that along the edge, whose curvature counts too.
-    // Without it, places and UAVs that follow each other in turn may swing ever further.
+    // For f(x) = max_w g(x, w) the Hessian is g_xx - g_xw g_ww^-1 g_wx at the worst place w; this
+    // adds the second term. For a place on the edge of its disc, w moves along the edge only, whose
+    // curvature is part of g_ww. Without this term, places and UAVs that follow each other may
+    // swing more with every step.
     //
-    // A rate depends on offsets alone, so that a receiver's move is that of all UAVs the other
-    // way: its derivatives by the place are the sum of the columns of their positions, with the
-    // sign changed.
+    // A rate depends on offsets only, so a move of the receiver equals the opposite move of all
+    // UAVs: derivatives by the place are minus the sum of the derivatives by the UAVs' positions.
     void add_place_curvature(const Reception& at, std::size_t place, double weight,
                              double* hessian) {
         const int V = 3 * uavs();
@@ -206,7 +208,7 @@ private:
             add(x, y, along + (slope[0] * y - slope[1] * x) / std::max(radius, TINY));
             return;
         }
-        // Along the eigenvectors.
+        // A place inside its disc moves along both eigenvectors of the Hessian by the place.
         const double mean = 0.5 * (by_place[0][0] + by_place[1][1]);
         const double half = 0.5 * (by_place[0][0] - by_place[1][1]);
         const double spread = std::hypot(half, by_place[1][0]);
@@ -218,7 +220,7 @@ private:
     const BarrierProblem& p_;
     const Model& gains_;
     const int receivers_;
-    std::vector<Signal> signals_;  // Of the UAVs, at the receiver that is differentiated.
+    std::vector<Signal> signals_;  // Signals of the UAVs at the receiver of the last differentiate.
     Reals space_, place_space_;
 };
 

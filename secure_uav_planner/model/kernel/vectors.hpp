@@ -35,26 +35,28 @@ struct Band {
     }
 };
 
-// Paths are (M, U, 2) for M = N + 2 points, of which the first and last are fixed, in the units of
-// a Grid. So are moves of their points along a step, which are zero where a point does not vary.
+// I vectors, computed from a path or from the moves of its points along a step. Paths and moves are
+// (M, U, 2) for M = N + 2 points, in the units of a Grid. First and last points are fixed; moves of
+// fixed points are zero.
 class Vectors {
 public:
     struct Term {
-        int point, uav;           // n U + u in a path, and u.
-        std::ptrdiff_t variable;  // The index in x of its x coordinate, or -1.
+        int point, uav;           // The point's index n U + u in a path, and u.
+        std::ptrdiff_t variable;  // The index in x of the point's x coordinate; -1 if it is fixed.
         double weight;
     };
 
-    // Which points vary, (M, U); and of every vector T points of a UAV, or of two after each
-    // other, with their weights, (I, T), and a constant, (I). Where the weights add up to 0,
-    // vectors are found from the points' offsets from the middle one, by which nothing cancels.
+    // `varies` (M, U): which points vary. `points` and `weights` (I, T): the points of each vector,
+    // of one UAV or first of one and then of another UAV. `constants` (I): added to the vectors.
+    // `differences`: whether weights of each UAV add up to 0. Vectors are then computed from the
+    // points' offsets from the middle point, so that no digits cancel.
     Vectors(int uavs, const std::vector<char>& varies, const std::vector<int>& points,
             const Reals& weights, std::vector<Point> constants, bool differences)
         : uavs_(uavs), slots_(varies.size() / uavs - 2), constants_(std::move(constants)),
           differences_(differences), ends_{0} {
         const std::size_t width = points.size() / count();
         for (std::size_t first = 0; first < points.size(); first += width) {
-            std::size_t end = terms_.size();  // Of the terms of the first UAV.
+            std::size_t end = terms_.size();  // The end of the first UAV's terms.
             for (std::size_t t = first; t < first + width; ++t) {
                 if (weights[t] == 0.0) continue;
                 const int uav = points[t] % uavs;
@@ -103,7 +105,7 @@ public:
         }
     }
 
-    // Add a gradient by a vector to that by x.
+    // Add the gradient by x of a function whose gradient by vector i is `slope`.
     void add_gradient(std::size_t i, Point slope, double* gradient) const {
         for_terms(i, [&](const Term& term) {
             if (term.variable < 0) return;
@@ -112,7 +114,7 @@ public:
         });
     }
 
-    // Add second derivatives by a vector to those by x.
+    // Add the Hessian by x of a function whose Hessian by vector i is (xx, xy; xy, yy).
     void add_curvature(std::size_t i, double xx, double xy, double yy, const Band& band) const {
         for_pairs(i, [&](const Term& later, const Term& earlier) {
             const double weight = later.weight * earlier.weight;
@@ -127,7 +129,8 @@ public:
     }
 
 private:
-    // Call a function with every pair of a vector's terms that vary, each with itself, too.
+    // Call a function with every pair of a vector's terms that vary. A term is paired with itself
+    // as well.
     template <typename Function>
     void for_pairs(std::size_t i, Function function) const {
         for_terms(i, [&](const Term& later) {
@@ -143,7 +146,8 @@ private:
     const std::vector<Point> constants_;  // (I).
     const bool differences_;
     std::vector<Term> terms_;
-    // Of every vector's terms of its first UAV, and of all, behind a 0, (2 I + 1).
+    // Ends in `terms_`: a 0, then for every vector the end of its first UAV's terms and the end of
+    // all its terms, (2 I + 1).
     std::vector<std::size_t> ends_;
 };
 
