@@ -90,6 +90,7 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
 
 
 def _save_view(comparison: Comparison, file: Path) -> None:
+    """Save a comparison as a page or as a picture, by the ending of the file."""
     if file.suffix.lower() == _PAGE:
         from ..output.page import save_page
         save_page(comparison.plan, file, comparison=comparison)
@@ -113,6 +114,7 @@ def _parse_logs(words: Sequence[str]) -> Any:
 
 
 def _parse_shifts(words: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Return the shifts in m by UAV of words UAV=X,Y, or raise an OptionError."""
     shifts = {}
     for word in words:
         match = re.fullmatch(r'(.+)=([^,]+),([^,]+)', word)

@@ -79,6 +79,7 @@ def _checked_variations(value: Any) -> dict[str, list[Any] | Law]:
 
 
 def _parse_variation(name: str, value: Any) -> list[Any] | Law:
+    """Return a field's variation, a list of values or a Law, or raise a ScenarioError."""
     allowed = ('it must be a list of values, {from, to, count}, {uniform: [low, high]} or '
                '{normal: [mean, deviation]}')
     if isinstance(value, list) and value:
@@ -255,6 +256,7 @@ class Campaign(Checked):
                     yield make_task(mission, method, objective, settings, fields, sample)
 
     def _make_mission(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the campaign's mission with the values of varied fields."""
         mission = copy.deepcopy(self._base)
         for name, value in fields.items():
             for owner, key in _resolve_field(mission, name):

@@ -152,6 +152,7 @@ def _run_node(name: str, arguments: list[str]) -> int:
 
 
 def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
+    """Raise an OptionError unless a name is among names; it suggests the nearest one."""
     if name not in names:
         near = difflib.get_close_matches(name, names, 1)
         raise OptionError(f'there is no {kind} {quote(name)}; ' + (

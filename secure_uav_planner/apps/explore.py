@@ -105,6 +105,7 @@ class Editor:
             return self._solve
 
     def _run(self, future: Future[Plan], scenario: Scenario) -> None:
+        """Plan a scenario, and set the plan or the error as the result of a future."""
         def report(iteration: Iteration) -> bool:
             if future is self._solve:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '

@@ -194,6 +194,7 @@ def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted:
 
 
 def _find_child(node: yaml.Node, key: Any) -> yaml.Node | None:
+    """Return the node at a key of a mapping or an index of a sequence, or None."""
     if isinstance(node, yaml.MappingNode):
         return next((value for name, value in node.value if name.value == key), None)
     if isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):

@@ -175,6 +175,7 @@ def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _
 
 
 def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -> Bound | None:
+    """Return a proven bound of a plan, or None if none is asked for or possible."""
     if progress.is_stopped or not options.bound_time_limit or explain_refusal(plan.scenario):
         return None
     progress.show('bound ...', force=True)

@@ -69,6 +69,7 @@ def name_field(field: str) -> str:
 
 
 def _draw_figure(rows: Sequence[Row]) -> Any:
+    """Return a figure of results: a panel for each objective, and third and fourth field."""
     from ..output.drawing import style_axes
     from ..output.figures import Picture
     name, *later = _choose_fields(rows)

@@ -121,6 +121,7 @@ def _make_row(task: Task) -> Row:
 
 
 def _solve_task(task: Task) -> Row:
+    """Plan the mission of a task and return its results by column."""
     scenario = Scenario.from_dict(task['mission'])
     method, objective, limit = task['method'], task['objective'], task['time_limit']
     if method in METHODS:

@@ -197,6 +197,7 @@ def arguments(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_numbers(draws: Any, seed: Any) -> None:
+    """Raise an OptionError unless both numbers are whole and within their ranges."""
     for name, value, least, most in (('draws', draws, 1, MOST_DRAWS), ('seed', seed, 0, 2**64)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not (
                 least <= value <= most):
@@ -211,6 +212,7 @@ def promised_rates(plan: Plan) -> Array:
 
 
 def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
+    """Return flown positions as an array, or raise an OptionError."""
     if world.tracking_std:
         raise OptionError(f'tracking_std is {world.tracking_std:g} m; with flown positions it '
                           'must be 0', ('tracking_std',))

@@ -38,12 +38,12 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     A flight delivers its mean rate times its duration T. Waiting at the start never delivers
     less, so a bracket of durations is narrowed to 0.1 s, or to one slot if slots are shorter. The
     message of the plan says that it delivers the bits. It also says that no flight shorter by 1 s
-    delivers them, if upper_bound proves this. Without this proof a shorter flight may exist,
+    delivers them if upper_bound proves this. Without this proof a shorter flight may exist,
     because solve may miss the best flight of a duration.
 
     :param scenario: a Scenario. The number of its slots changes with the duration, and their
         length changes by as much as the rounding of this number needs. If a UAV starts in motion,
-        the length stays exactly as it is and T is a multiple of it.
+        the length stays exactly as it is and T is a number of slots.
     :param bits: amount to be delivered [bit/Hz], above 0.
     :param objective: the rate that delivers, as for solve.
     :param time_limit: time [s] after which the shortest delivering flight so far is returned.

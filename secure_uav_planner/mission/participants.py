@@ -42,6 +42,7 @@ class Receiver(Checked):
 
     @classmethod
     def _check_together(cls, checks: FieldChecks) -> None:
+        """Check that the receiver has either a position or a track that sets it."""
         item = checks.item
         if item.track is not None and checks.are_right('track'):
             for name in cls.DECIDED:
@@ -271,6 +272,7 @@ class Uav(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
+        """Check power, end velocities and energy against the limits that they depend on."""
         item = checks.item
         if (checks.are_right('average_power', 'peak_power')
                 and item.peak_power < item.average_power):
@@ -345,6 +347,7 @@ class NoFlyZone(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
+        """Check that the floor is not above the ceiling."""
         item = checks.item
         if checks.are_right('floor', 'ceiling') and item.floor > item.ceiling:
             checks.add('floor', f'is {quote(item.floor)} m; it must be at most ceiling, which is '

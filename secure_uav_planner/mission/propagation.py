@@ -70,6 +70,7 @@ class Channel(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
+        """Check that an outage is given with random gains, and only with them."""
         item = checks.item
         if item.rician_k_db is not None and item.outage is None:
             checks.add('outage', f'is {quote(None)}; it must be a number, as channel.rician_k_db '

@@ -66,6 +66,7 @@ def checked_track(value: Any, radius: bool = True) -> Track:
 
 
 def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
+    """Return a knot of a track as checked numbers, or refuse it."""
     for part in knot if is_sequence(knot) else ():
         check_degrees(part)
     if not is_sequence(knot) or len(knot) != len(parts):

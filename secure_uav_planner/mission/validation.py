@@ -63,6 +63,7 @@ def round_down(value: float, digits: int = 6) -> float:
 
 
 def _round(value: float, digits: int, rounding: str) -> float:
+    """Round to a number of significant digits by a rounding mode of decimal."""
     if not value or not math.isfinite(value):
         return value
     exact = Decimal(value)

@@ -28,7 +28,7 @@ TOLERANCE = 1e-5
 """Gain [bit/s/Hz] of a round of all steps below which the method has converged."""
 MAX_ROUNDS = 100
 POWER_STEPS = 3
-"""Power steps (III-A) before each trajectory step (III-B); the latter costs five times as much."""
+"""Power steps (III-A) before each trajectory step (III-B), which costs five times as much."""
 STRETCH = 2.0
 """
 Factor by which a step is lengthened while the true rate rises.

@@ -14,7 +14,7 @@ from ..model.limits import lift_limits
 from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status
 
-_NEGLIGIBLE_RATE = 1e-7  # Rate that counts as 0, in bit/s/Hz times find_rate_scale.
+_NEGLIGIBLE_RATE = 1e-7  # Rate [bit/s/Hz] over find_rate_scale below which a rate is set to 0.
 _IDLE_SHARE = 1e-3  # Fraction of the mean rate up to which a slot is idle.
 _JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Fractions of the jamming power to try.
 

@@ -51,7 +51,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         for another scenario with as many UAVs. It is then made feasible in this scenario, and
         'joint' also plans from scratch if the time limit leaves time for it.
     :param objective: one of plan.OBJECTIVES: 'worst_case' is the true worst case of problem (P1),
-        which only 'joint' has; 'guaranteed' is its lower bound by formula, problem (P2). By
+        which only 'joint' has; 'guaranteed' is the lower bound by formula of problem (P2). By
         default it is the objective of the initial plan if the same method made this plan.
         Otherwise it is 'worst_case' for 'joint' and 'guaranteed' for 'alternating'.
     :return: a Plan.
@@ -152,6 +152,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
 
 def _build_deadline(problem: Problem, on_iteration: OnIteration | None,
                     time_limit: float | None) -> Deadline:
+    """Return the Deadline of a call, after checking the callback and the time limit."""
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_iteration', on_iteration)
     return Deadline(on_iteration, time_limit, math.inf if problem.airspace.is_open else _PERIOD)

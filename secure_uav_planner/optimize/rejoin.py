@@ -250,8 +250,8 @@ def _list_candidates(first: int, slots: int) -> list[int]:
 
 def _find_support_offset(scenario: Scenario) -> float:
     """Return the time [slots] before the last kept point at which the curve begins to change."""
-    # With an acceleration limit, a point moves the curve from 1.5 slots before its own time, and
-    # the first point that changes is one slot after the last kept one.
+    # A point moves the curve from 1.5 slots before its own time with an acceleration limit, and
+    # from 1 slot before it without. The first point that changes is one slot after the last kept.
     return 0.5 if scenario.limits_acceleration else 0.0
 
 

@@ -55,6 +55,7 @@ def comparison_table(comparison: Any) -> str:
 
 
 def _describe_time(flight: Any) -> str:
+    """Describe where the times of a flight are from, and each log's shift."""
     shifts = ', '.join(
         f'{name} {shift.seconds:.2f} s (+-{shift.uncertainty:.2f} s)'
         for name, shift in flight.shifts.items() if math.isfinite(shift.seconds))

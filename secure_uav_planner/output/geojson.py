@@ -32,6 +32,7 @@ def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def _list_features(plan: Any) -> Iterator[dict[str, Any]]:
+    """Yield the GeoJSON features of a plan: paths, receivers, tracks, zones and fence."""
     scenario, origin, rows = plan.scenario, plan.scenario.origin, point_rows(plan)
 
     def to_degrees(points: ArrayLike) -> Array:

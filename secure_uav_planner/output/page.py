@@ -112,6 +112,7 @@ def draw_page(plan, baselines=(), comparison=None):
 
 
 def _add_controls(figure, content, points):
+    """Add title, legend, unpromised intervals and the controls of the animation."""
     plan = content.plan
     for begin, end in plan.promise.gaps:
         for row in (1, 2, 3):

@@ -177,6 +177,7 @@ def draw_rates(axes, plan, baselines=(), **legend):
 
 
 def _finish_time_axes(axes, plan, label, legend):
+    """Label axes over time, and shade the intervals that are not promised."""
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     for number, (begin, end) in enumerate(plan.promise.gaps):

@@ -54,6 +54,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
 
 
 def _gap_cell(plan: Any) -> str:
+    """Return the gap of a plan to its bound in per cent, rounded up, or 'unknown'."""
     if plan.bound is None:
         return 'unknown'
     # A bound is rounded up.

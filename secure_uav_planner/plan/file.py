@@ -38,6 +38,7 @@ def make_text(plan: Any, frame_id: str) -> str:
 
 
 def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
+    """Return a Plan as plain values for JSON."""
     return {
         'format': _FORMAT,
         'version': _VERSION,
@@ -103,6 +104,7 @@ def _name_source(name: str) -> Iterator[None]:
 
 
 def _read_document(document: object, kind: type[RatedFlight]) -> Any:
+    """Return the plan in plain values from JSON, of any version, or raise an error."""
     if not isinstance(document, dict) or document.get('format') != _FORMAT:
         raise PlanFileError(f'it is not a {_FORMAT}')
     version = document.get('version')

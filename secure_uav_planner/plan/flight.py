@@ -47,10 +47,11 @@ class Flight(NamedTuple):
 
     def lateness(self, now: float) -> float:
         """
-        Return the lateness of the flight on the clock that its receivers are predicted for [s].
+        Return the delay of the flight behind the schedule of its promise [s].
 
-        Negative for a flight that is ahead; at least 0 before it begins. Infinite for a plan
-        without a start.
+        The schedule is the plan's start, promise_delay and promise_speed, for which the receivers
+        are predicted. The delay is negative for a flight that is early, but at least 0 before the
+        flight begins. It is infinite for a plan without a start.
 
         :param now: time of the clock [s].
         """

@@ -132,6 +132,7 @@ class Plan(RatedFlight):
         self._set_shares()
 
     def _check_start(self, start_ns: object) -> None:
+        """Raise a PlanError unless start_ns can be stamped; make it an int."""
         last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
         if (isinstance(start_ns, bool) or not isinstance(start_ns, (int, np.integer))
                 or not 0 <= start_ns <= last):
@@ -141,6 +142,7 @@ class Plan(RatedFlight):
         object.__setattr__(self, 'start_ns', int(start_ns))
 
     def _set_shares(self) -> None:
+        """Check the shares; without any, set the shares with the largest rate."""
         nodes, slots = len(self.scenario.ground_nodes), self.scenario.slots
         if self.shares is None:
             object.__setattr__(self, 'shares', find_shares(
@@ -153,6 +155,7 @@ class Plan(RatedFlight):
         object.__setattr__(self, 'shares', shares)
 
     def _check_ends(self) -> None:
+        """Raise a PlanError unless the paths begin and end at starts and goals."""
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for end, point in (('start', path[0]), ('goal', path[-1])):
                 if np.abs(point - getattr(uav, end)).max() > POSITION_TOLERANCE:
@@ -376,6 +379,7 @@ def _values(plan: Plan) -> tuple[Any, ...]:
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return a read-only array of a shape with finite numbers, or raise a PlanError."""
     try:
         if np.ma.is_masked(value):
             raise ValueError('some are masked')

@@ -213,7 +213,7 @@ class Player:
         if the UAVs are at its start.
 
         :param positions: measured position of each UAV, or None for an unknown one.
-        :param tolerance: largest distance [m] from its start of a UAV that counts as being there.
+        :param tolerance: distance [m] from its start within which a UAV is at its start.
         :raises OptionError: if there is no plan, or if it has ended and no other can begin.
         """
         if self.playback is None:
@@ -261,7 +261,7 @@ class Player:
 
         :param positions: measured position of each UAV, or None for an unknown one. An unknown
             UAV is given the time to fly from its last setpoint to the start.
-        :param tolerance: largest distance [m] from its start of a UAV that counts as being there.
+        :param tolerance: distance [m] from its start within which a UAV is at its start.
         :param speed: the playback speed; above 1, UAVs move that much faster than max_speed.
         """
         assert self.playback is not None

@@ -31,7 +31,7 @@ SILENCE = 1.0
 """Time [s] without a report of the follower after which the time of the plan stands still."""
 
 _MEMORY = 10.0  # Time [s] for which reports are kept, because odometry may arrive late.
-_STEADY = 0.03  # Largest change of a playback speed within half a second that counts as constant.
+_STEADY = 0.03  # Largest change within half a second of a playback speed that is constant.
 _STEP = 0.05  # Time step [s] of the prediction.
 _MOST_STEPS = 20000  # Largest number of steps of a prediction.
 _WATCHED_S = 2.0  # Duration [s] of the motion by which a UAV is judged to be held or not.

@@ -39,12 +39,12 @@ from ..plan.file import make_text
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
-_MOST_POINTS = 1000  # Of a path marker, which is for display only.
+_MOST_POINTS = 1000  # Largest number of points of a path marker, which is for display only.
 
 
 def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
     """Return the time of a plan in s from point 0 as a builtin_interfaces/Time."""
-    # A plan of a file may have no time.
+    # A plan from a file may have no start, and then begins at 0.
     whole, rest = divmod(max(0, (plan.start_ns or 0) + round(seconds * 1e9)), 10**9)
     return Stamp(sec=whole, nanosec=rest)
 
@@ -56,9 +56,10 @@ def nanoseconds(stamp: Stamp) -> int:
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> TimeReference:
     """
-    Return the report of a follower: the time of its plan in s from point 0, at a time.
+    Return a follower's report of the time of its plan, `seconds` from point 0, at a clock's time.
 
-    :param follower: its name, which follows the identity of the plan in `source`.
+    :param stamp: the clock's time.
+    :param follower: name of the follower. `source` is the identity of the plan and this name.
     """
     return _stamped(TimeReference(source=f'{plan.identity} {follower}'.strip(),
                                   time_ref=stamp_at(plan, seconds)), '', stamp)
@@ -158,6 +159,7 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
 def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[float],
                       acceleration: Sequence[float], seconds: float = 0.0
                       ) -> MultiDOFJointTrajectoryPoint:
+    """Return a trajectory point of one joint from its motion; see trajectory_setpoint."""
     point, transform = MultiDOFJointTrajectoryPoint(), Transform()
     _set_pose(transform.translation, transform.rotation, *place, yaw)
     point.transforms = [transform]
@@ -185,7 +187,7 @@ def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[f
 
 def read_setpoint(message: MultiDOFJointTrajectory) -> Setpoint:
     """
-    Return the Setpoint in a message; a rate of yaw of zero counts as not given.
+    Return the Setpoint in a message. A yaw rate of zero is read as no yaw rate.
 
     :raises OptionError: if the message has not one point with a transform, or for a wrong value.
     :raises PoseError: if the rotation is not a quaternion of length 1.
@@ -374,6 +376,7 @@ def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Vector]:
 def _marker(namespace: str, index: int, kind: int, color: str, scale: Vector,
             place: Vector = (0.0, 0.0, 0.0), opacity: float = 1.0, points: Sequence[Vector] = (),
             text: str = '') -> Marker:
+    """Return a Marker for RViz; `color` is a text such as '#d62728'."""
     red, green, blue = (int(color[at:at + 2], 16) / 255 for at in (1, 3, 5))
     return Marker(
         ns=namespace, id=index, type=kind, action=Marker.ADD, pose=pose(*place, 0.0), text=text,

@@ -19,7 +19,7 @@ from ..mission.scenario import Scenario
 _TABLE: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(
     Path(__file__).with_suffix('.yaml').read_text(encoding='utf-8'))
 _PAPER = Scenario.paper()
-_MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one part.
+_MOST_IN_NAME = 100  # Largest length of a member's name; ROS allows about 240 in a whole topic.
 
 METHOD_DEFAULT = 'default'
 """The objective that the method maximises by itself."""
@@ -35,7 +35,7 @@ class Spec:
     :param default: the default value; its type is the parameter's type.
     :param limits: the smallest and the largest allowed number, for numbers and lists of numbers.
     :param length: the smallest and the largest allowed length, for lists and strings.
-    :param choices: the allowed strings. YAML's `off`, which is false, counts as the string.
+    :param choices: the allowed strings. If 'off' is one, YAML's `off`, which is false, means it.
     """
 
     default: Any
@@ -76,6 +76,7 @@ class Spec:
                                  f'{self.allowed}', (name,)) from None
 
     def _convert(self, value: Any) -> Any:
+        """Return a value in the parameter's type, or raise an error that `convert` replaces."""
         kind = type(self.default)
         if kind is list:
             values = list(value)
@@ -94,6 +95,7 @@ class Spec:
         return value
 
     def _convert_number(self, value: Any, kind: type) -> float:
+        """Return a number within the limits as int or float, or raise a ValueError."""
         # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
         low, high = self.limits
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
@@ -128,10 +130,12 @@ def _check_name(value: Any) -> str:
 
 def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec]:
     """
-    Return the Spec of each parameter of a section of the table by its name.
+    Return the Spec of each parameter of a section of the table by the parameter's name.
 
-    :param member: the UAV, receiver or zone whose parameters they are, if they are one's.
-    :param index: of the UAV of the paper, or the last one, whose values are the defaults.
+    :param member: name of the UAV, receiver or zone that has the parameters; empty for the node's
+        own parameters.
+    :param index: index of a UAV, whose defaults are the values of the paper's UAV of this index,
+        or of the paper's last one.
     """
     prefix = f'{member}.' if member else ''
     owners = {'Scenario': _PAPER, 'Channel': _PAPER.channel, 'Propulsion': Propulsion(),
@@ -142,7 +146,7 @@ def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec
 
 
 def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
-    """Return the Spec of a row of the table; the field of an owner gives what the row does not."""
+    """Return the Spec of a row of the table; the row's field gives missing default and limits."""
     values = {key: tuple(value) if key in ('limits', 'length', 'choices') else value
               for key, value in row.items() if key not in ('field', 'none')}
     if 'field' not in row:
@@ -160,12 +164,16 @@ def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
 
 
 def _to_value(field: Any, none: Any) -> Any:
-    """Return the value of a parameter for that of a field."""
+    """Return a field's value as a parameter: `none` for None, and a list for a tuple."""
     return none if field is None else list(field) if isinstance(field, tuple) else field
 
 
 def _list_fields(section: str, kind: type) -> Iterator[tuple[str, str, Any]]:
-    """Yield parameter, field, and what stands for None, of the fields of a class in a section."""
+    """
+    Yield the parameters of a section that are fields of a class.
+
+    Each comes with the name of the field and the parameter's value for None.
+    """
     for name, row in _TABLE[section].items():
         owner, _, field = row.get('field', '').partition('.')
         if owner == kind.__name__:
@@ -180,7 +188,7 @@ def read_fields(section: str, kind: type, values: Mapping[str, Any], prefix: str
 
 
 def list_values(section: str, item: Any, prefix: str = '') -> dict[str, Any]:
-    """Return the values of the parameters in a section that are fields of an object, by name."""
+    """Return an object's fields that are parameters of a section, as values by parameter."""
     return {prefix + name: _to_value(getattr(item, field), none)
             for name, field, none in _list_fields(section, type(item))}
 
@@ -196,10 +204,10 @@ RELAY_MEMBERS = {'uavs': 'relay_uav'}
 
 def read_member_specs(values: Mapping[str, Any], sections: Mapping[str, str]) -> dict[str, Spec]:
     """
-    Return the Spec of each parameter of all members by its name.
+    Return the Spec of each parameter of all members by the parameter's name.
 
-    :param values: of the parameters that list the names of members.
-    :param sections: of the table by these parameters, such as PLANNER_MEMBERS.
+    :param values: values of the parameters that list the names of members.
+    :param sections: sections of the table by these parameters, such as PLANNER_MEMBERS.
     :raises ParameterError: for names that are not unique.
     """
     names = [name for kind in sections for name in values[kind]]

@@ -17,9 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..errors import brief, describe_error, PlanningError
 
-_LAST_ANSWERS = 0.3  # s
-_LONGEST_END = 5  # s after a signal; DDS may wait for processes that have died.
-_AFTER_FAILURE = 0.01  # s
+_LAST_ANSWERS = 0.3  # Time [s] after the end in which answers to clients are sent.
+_LONGEST_END = 5  # Time [s] after a signal to end in; DDS may wait for processes that have died.
+_AFTER_FAILURE = 0.01  # Pause [s] after a callback that failed.
 
 
 def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
@@ -39,14 +39,14 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
         node = make_node()
     except (PlanningError, RuntimeError, OSError, ParameterException, NameValidationException,
             InvalidQosOverridesError, ValueError) as error:
-        # rclpy raises a ValueError for some arguments. Others are programming errors, which are
-        # quote with their class.
+        # rclpy raises a ValueError for some wrong arguments. Any other ValueError is a programming
+        # error, so it is printed with its class name.
         is_unexpected = isinstance(error, ValueError) and not isinstance(error, PlanningError)
         print(f'cannot start: {describe_error(error) if is_unexpected else brief(error)}',
               file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
-    gc.freeze()  # A collection takes 0.1 s less without the imported modules.
+    gc.freeze()  # Garbage collection takes 0.1 s less if it skips the imported modules.
     finished, failure = spin(node, stop)
     signal.alarm(2 * _LONGEST_END)  # Ends the process where C++ hangs and no thread runs.
     if failure is not None:
@@ -74,7 +74,7 @@ def spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]
 
     :return: whether no work is left, and the error if the context has become invalid.
     """
-    # A multi-threaded one polls tasks until their threads begin, and keeps the GIL from these.
+    # A MultiThreadedExecutor polls tasks until their threads begin, and so blocks these threads.
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
 
@@ -82,7 +82,7 @@ def spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]
         try:
             executor.spin_once(timeout_sec=timeout)
         except Exception as error:
-            # rclpy's own services raise errors, too, after a malformed request.
+            # Even rclpy's own services raise errors after a malformed request.
             node.get_logger().error(f'a callback failed: {describe_error(error)}',
                                     throttle_duration_sec=1.0)
             time.sleep(_AFTER_FAILURE)

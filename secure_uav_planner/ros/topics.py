@@ -35,16 +35,16 @@ STREAM = QoSProfile(depth=10)
 """For setpoints."""
 
 REQUESTS = QoSProfile(depth=1000)
-"""For services: requests that come at once wait for their answer, and none is lost."""
+"""For services: simultaneous requests are queued, and none is lost."""
 
 OVERRIDABLE = QoSOverridingOptions([
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY])
-"""Set at the start by parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>`."""
+"""Policies that parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>` may set."""
 
 
 class Topic(NamedTuple):
-    """What a topic carries, and how."""
+    """The message type, the quality of service and the meaning of a topic."""
 
     kind: type
     qos: QoSProfile
@@ -117,11 +117,11 @@ TOPICS = {
         '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same, and whether the local frames of '
                               'the vehicles are known, and have moved, once a second')},
 }
-"""Every Topic by its node and direction, but for those of the relay's stacks."""
+"""Every Topic by node and direction, except the topics of autopilots' stacks."""
 
 
 class Service(NamedTuple):
-    """What a service is for, by its type."""
+    """The type and the meaning of a service."""
 
     kind: type
     meaning: str
@@ -139,14 +139,15 @@ SERVICES = {
     ('relay', '~/enable'): Service(
         SetBool, 'whether setpoints are passed on; after false nothing is sent, until true'),
 }
-"""Every Service by its node and name; the answer of each is success and message."""
+"""Every Service by node and name; each answers with success and a message."""
 
 Answer: TypeAlias = tuple[bool, str]
+"""Success and message of a service's answer."""
 
 
 def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
                ) -> dict[str, Publisher]:
-    """Return a publisher of each topic, by the name with that of the UAV."""
+    """Return the publishers by topic name; a topic of `<uav>` has one publisher for each UAV."""
     return {name: node.create_publisher(
         topic.kind, name, topic.qos, qos_overriding_options=OVERRIDABLE)
         for name, topic in _named(topics, {'<uav>': uavs})}
@@ -156,11 +157,11 @@ def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, 
               group: CallbackGroup, uavs: Sequence[str],
               receivers: Mapping[str, Sequence[str]] = {}) -> None:
     """
-    Subscribe to each topic.
+    Subscribe to each topic, and for a topic of `<uav>` to one topic for each UAV.
 
-    :param callback: called with the name of the topic, which has that of its member, and a
-        message.
-    :param receivers: names of the ground nodes and of the eavesdroppers, by what stands for them.
+    :param callback: called with the name of the topic, such as 'bob/odom', and a message.
+    :param receivers: names of the receivers by placeholder in the topics' names, such as
+        '<eavesdropper>'.
     """
     for name, topic in _named(topics, {'<uav>': uavs, **receivers}):
         node.create_subscription(
@@ -173,8 +174,9 @@ def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Ans
     """
     Offer services.
 
-    :param actions: by name; each is called with the fields of a request, and returns success and
-        message, or is a coroutine. The answer to an error is its text.
+    :param actions: the function of each service by name. It is called with the fields of a
+        request, and returns success and message, or a coroutine that does. If it raises an error,
+        the answer is no success and the text of the error.
     """
     kinds = {name: kind for (_, name), (kind, _) in SERVICES.items()}
     introspection = node.get_parameter('service_introspection').value.upper()
@@ -188,6 +190,7 @@ def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Ans
 
 async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]], request: Any,
                   response: Any) -> Any:
+    """Fill the response of a service from an action, or from the error that it raises."""
     try:
         result = action(*(getattr(request, field)
                           for field in request.get_fields_and_field_types()))
@@ -200,6 +203,7 @@ async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]],
 
 def _named(topics: Mapping[str, Topic], members: Mapping[str, Sequence[str]]
            ) -> Iterator[tuple[str, Topic]]:
+    """Yield topics by name, with one for each member in place of a placeholder."""
     for name, topic in topics.items():
         first, _, rest = name.partition('/')
         yield from ([(f'{member}/{rest}', topic) for member in members[first]]
@@ -207,11 +211,11 @@ def _named(topics: Mapping[str, Topic], members: Mapping[str, Sequence[str]]
 
 
 def member_topics(name: str) -> tuple[str, str]:
-    """Return the topics that say where a member is; the first counts before the second."""
+    """Return the topics of a member's position in order of preference: odometry, then pose."""
     return f'{name}/odom', f'{name}/pose'
 
 
 def timer_clock(node: Node) -> Clock:
-    """Return the clock for the timers of setpoints: simulated, or one that is never set back."""
+    """Return a clock for setpoints: simulated time if that is set, otherwise a steady clock."""
     clock = node.get_clock()
     return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)

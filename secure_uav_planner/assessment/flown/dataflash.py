@@ -27,6 +27,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _read(reader: Any) -> VehicleLog:
+    """Return the log of a DataFlash reader; raise a LogFileError without positions."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
@@ -57,6 +58,7 @@ def _read(reader: Any) -> VehicleLog:
 
 
 def _find_utc_offset(table: dict[str, Any]) -> float | None:
+    """Return UTC minus the log's time [s] by GPS fixes, or None without a fix."""
     if 'GPS' not in table:
         return None
     fixes = table['GPS'][(table['GPS'][:, 3] >= 3) & (table['GPS'][:, 1] > 0)]

@@ -182,6 +182,7 @@ def _read_logs(source: Path_ | Mapping[str, Path_], names: tuple[str, ...]
 
 
 def _read_log(path: Path, name: str) -> VehicleLog:
+    """Return the log of one UAV, read by the ending of the file."""
     kind = path.suffix.lower()
     if kind not in (*_READERS, '.csv'):
         raise LogFileError(f'{path} has the ending {quote(path.suffix)}; it must be one of '
@@ -297,6 +298,7 @@ def _sample(log: VehicleLog, clock: Array, times: Array) -> tuple[Array, Array, 
 
 
 def _take_battery(log: VehicleLog, clock: Array, times: Array) -> float:
+    """Return the energy [J] from the battery during a flight."""
     assert log.battery is not None
     when, energy = log.battery
     begin, end = np.interp([times[0], times[-1]], clock, log.times)

@@ -50,6 +50,7 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
+    """Return the log in a table of columns; without heights, z is 0 and a note says so."""
     times = table['time']
     zeros = np.zeros_like(times)
     positions = np.stack([table['x'], table['y'], table.get('z', np.full_like(zeros, np.nan))],

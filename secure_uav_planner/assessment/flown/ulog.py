@@ -70,6 +70,7 @@ def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, floa
 
 
 def _find_jumps(local: Any, times: Array) -> tuple[tuple[float, ...], list[str]]:
+    """Return the times [s] before jumps of the local frame, and a note about each jump."""
     jumps, notes = [], []
     for name in ('ref_timestamp', 'xy_reset_counter'):
         for index in np.flatnonzero(np.diff(np.asarray(local.get(name, ()), np.int64))).tolist():
@@ -90,6 +91,7 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
+    """Return times [s] and the energy [J] used since the first, or None without data."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]

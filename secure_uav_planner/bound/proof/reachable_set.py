@@ -89,7 +89,7 @@ class ReachableSet:
         :param scenario: the mission.
         :param index: index of the UAV.
         :param groups: groups of the mission's slots.
-        :param subset: places that stand for the eavesdroppers.
+        :param subset: places that represent the eavesdroppers.
         :param detours: detours of the UAV in m, or None to ignore its obstacles.
         """
         uav = scenario.uavs[index]
@@ -307,7 +307,7 @@ class Cells:
         return cls(np.arange(len(region.steps)), *region.bounding_box)
 
     def quarter(self, chosen: NDArray[np.int64]) -> Cells:
-        """Return all cells, with those of the indices `chosen`, (D,), divided into four."""
+        """Return all cells, with the chosen ones, by their indices (D,), divided into four."""
         cells = self._halve(chosen, 0)
         return cells._halve(np.append(chosen, np.arange(len(self.group), len(cells.group))), 1)
 
@@ -357,7 +357,7 @@ class Team:
         Return the team of a scenario.
 
         :param scenario: the mission.
-        :param subset: places that stand for the eavesdroppers.
+        :param subset: places that represent the eavesdroppers.
         :param detours: detours of each UAV in m, see DetourSearch.
         :param most: largest number of groups.
         """

@@ -76,7 +76,7 @@ class ArrowSystem:
         """
         Return the damped Newton step.
 
-        If a single column is far better than the others, the function is linear near the point,
+        If a single column is far better than any other, the function is linear near the point,
         and a full step would leave the neighbourhood in which it is linear. Damping acts as an
         additional variance of the columns of a group: it limits how much the potentials change
         from edge to edge and at both ends. It also raises the diagonals of v and of the prices by
@@ -236,6 +236,7 @@ class Dual:
         return self._evaluate(point, True)
 
     def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, Any]:
+        """Return the dual function, and its ArrowSystem if `second`, else None."""
         value, group, groups = self._groups(point, second)
         v, prices, layout = point.v, point.prices, point.group_layout
         bar = V_BARRIER * (self.tau if v.shape[-1] > 1 else 1e-5)
@@ -301,7 +302,9 @@ class Dual:
         """
         Return values (2, G), gradients (2, G, F) and Hessians (2, G, F, F) of both branches.
 
-        The first branch has w0, the second is silence. Derivatives are empty unless `second`.
+        A value is the sum over the UAVs of the smoothed maximum of their columns in a group. In
+        the first branch the transmitter sends, with weight w0, and the maximum over its power is
+        included; the second branch is silence. Derivatives are empty unless `second`.
         """
         (g, e), layout, size = point.v.shape, point.group_layout, point.group_layout.prices.stop
         values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)

@@ -66,6 +66,7 @@ def parse_json(text: str) -> Any:
 
 
 def _make_mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs of a JSON object as a dict; raise a ScenarioError for a name twice."""
     mapping: dict[str, Any] = {}
     for name, value in pairs:
         if name in mapping:

@@ -147,6 +147,7 @@ def is_json(path: str | os.PathLike[str]) -> bool:
 
 
 def _parse_yaml(text: str) -> Document:
+    """Return the Document in a YAML text, with the line of each field."""
     loader = _Loader(text)
     try:
         reader = _Reader(loader)
@@ -158,6 +159,7 @@ def _parse_yaml(text: str) -> Document:
 
 
 def _parse_json(text: str) -> Document:
+    """Return the Document in a JSON text, with lines if it can also be read as YAML."""
     data = json.loads(text)
     try:
         # JSON without tabs is YAML, whose reader gives lines; JSON has tabs only between values.
@@ -195,6 +197,7 @@ class _Reader:
                                        problem_mark=node.start_mark) from None
 
     def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
+        """Return a mapping's values, those merged included, and note lines and problems."""
         own: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:

@@ -127,6 +127,7 @@ def measure_paths(places: Array, edges: Edges, begins: Sequence[int]) -> Array:
 
 
 def _build_matrix(places: Array, edges: Edges) -> Any:
+    """Return the sparse matrix of the lengths of edges between places."""
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
     # SciPy 1.11 has csgraph for indices of 32 bits only.
     return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), edges.astype(np.int32)),

@@ -106,10 +106,13 @@ def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[A
 def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                   powers: Array) -> tuple[Array, Array]:
     """
-    Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2).
+    Return the probable worst place of each disc, and its leak, by a local search.
+
+    The search may miss the worst place; prove_leaks of the kernel bounds the leak.
 
     :param centres: centres of the discs, (N, E, 2) in m.
     :param radii: radii of the discs, (N, E) in m.
+    :return: leaks (N, E) in bit/s/Hz and places (N, E, 2) in m.
     """
     offsets = uav_positions[:, :, None] - centres
     leaks = np.zeros(offsets.shape[1:3])

@@ -11,7 +11,7 @@ from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 FOLDERS = ('model/kernel', 'bound/kernel')
-"""The folders of the sources in the package, in each of which headers are found by their name."""
+"""Folders of the sources in the package; an #include names a header without its folder."""
 
 
 def list_sources(pattern: str) -> list[str]:
@@ -21,7 +21,7 @@ def list_sources(pattern: str) -> list[str]:
 
 
 def find_digest() -> str:
-    """Return a digest of all sources, to check that a kernel was built from them."""
+    """Return a digest of all sources, by which a stale compiled kernel is refused."""
     digest = hashlib.sha256()
     for path in list_sources('*.[ch]pp'):
         digest.update(path.encode() + b'\0' + (_PACKAGE / path).read_bytes())

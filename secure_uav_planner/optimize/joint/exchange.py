@@ -1,8 +1,8 @@
 """
-The exchange method for problem (P1), in which the worst place of every disc counts.
+The exchange method for problem (P1), whose rate is against the worst place of every disc.
 
-Discs have infinitely many places (semi-infinite programming): a few stand for each disc, and are
-exchanged for worse places between the Newton steps.
+A disc has infinitely many places (semi-infinite programming). A few places represent each disc,
+and are exchanged for worse places between the Newton steps.
 """
 
 from contextlib import suppress
@@ -21,27 +21,29 @@ from ...model.channel.shares import find_shares
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
-WORSE = 1e-7  # The least leak, in the grid's unit of rates, by which a place is worse.
-PLACES_MU = 0.02  # The barrier parameter at the beginning
-PLACES_FINAL_MU = 1e-7  # and at the end,
-FINAL_STEPS = 8  # and the most steps at the end.
-WORTH = 0.01  # The relative gain that is worth a second round,
-MORE_STEPS = 40  # and its most steps.
-EXPLORED = 6  # The most optima of (P2) that are compared for (P1), on the coarse grid,
-EXPLORING_STEPS = 15  # after so many steps each,
-EXPLORING_MU, EXPLORING_FINAL_MU = 0.01, 1e-4  # between these barrier parameters;
-EXPLORED_MU = 2e-3  # the one with which the best continues on the full grid.
+WORSE = 1e-7  # Least excess of a leak, in the grid's unit of rates, of a place that is worse.
+PLACES_MU = 0.02  # First barrier parameter of the exchange.
+PLACES_FINAL_MU = 1e-7  # Last barrier parameter of the exchange.
+FINAL_STEPS = 8  # Largest number of steps with the last barrier parameter.
+WORTH = 0.01  # Relative gain of the first round from which a second round pays.
+MORE_STEPS = 40  # Largest number of steps of the second round.
+EXPLORED = 6  # Largest number of optima of (P2) that are compared for (P1) on the coarse grid.
+EXPLORING_STEPS = 15  # Steps from each optimum that is compared.
+EXPLORING_MU = 0.01  # First barrier parameter of the comparison of optima.
+EXPLORING_FINAL_MU = 1e-4  # Last barrier parameter of the comparison of optima.
+EXPLORED_MU = 2e-3  # First barrier parameter on the full grid of the best optimum compared.
 
-_ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
-_NEAR = 0.5  # In radii of the disc.
-_NAT = 1 / np.log(2)  # In bit.
+_ANGLES = (0.0, 2.0, 4.0)  # Angles [rad] of a disc's first places from the worst place.
+_NEAR = 0.5  # Largest distance, in radii of the disc, of a place that the worst place replaces.
+_NAT = 1 / np.log(2)  # One nat, in bit.
 
 
 def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
     """
     Improve the incumbent against the worst places of the discs, problem (P1).
 
-    :param optima: of (P2), which in (P1) may rank differently; the best of them is tried, too.
+    :param optima: optima of (P2). They may rank differently in (P1), so the best in (P1) is tried
+        as a second start.
     """
     incumbent = driver.incumbent
     driver.raise_if_over()
@@ -57,7 +59,7 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
 
 
 def descend_by_exchange(driver: SolverDriver, x: Array, mu: float) -> Array:
-    """Return starts on the full grid, (S, N, U, 3), after steps at a SolverDriver's prices."""
+    """Return the best iterates, (S, N, U, 3), of an exchange from each start at given prices."""
     descended = []
     for start in x:
         exchange = _Exchange(driver, driver.grid, start, mu)
@@ -71,7 +73,7 @@ def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
     incumbent = driver.incumbent
     before = incumbent.rate
     status, at_rest = _improve_once(driver, x, mu, MOST_STEPS)
-    # Where places oscillated and the first round gained much, a second may gain more.
+    # If places oscillated and the first round gained much, a second round may gain more.
     if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
         x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
                                    WARM_SHARE, driver.raise_if_over)
@@ -80,13 +82,13 @@ def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
 
 
 def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
-    """Improve the incumbent in one round; return also True if places came to rest."""
+    """Improve the incumbent in one round; return the status, and True if places came to rest."""
     exchange = _Exchange(driver, driver.grid, x, mu)
     return driver.finish(exchange, PLACES_FINAL_MU, steps), exchange.at_rest
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
-    """Return the best of some optima after a few steps from each, (N, U, 3)."""
+    """Return the iterate with the best rate in (P1) after a few steps from optima, (N, U, 3)."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXPLORED]:
         exchange = _Exchange(driver, optima.grid, x, EXPLORING_MU)
@@ -101,8 +103,8 @@ class _Exchange:
     """
     A Solver of Newton steps from a start, (N, U, 3), between which places are exchanged.
 
-    :ivar best: the best iterate so far, and its `rate` in nats, see WorstPlaces, less the price
-        of its energy.
+    :ivar best: best iterate so far, (N, U, 3).
+    :ivar rate: rate of the best iterate, as in WorstPlaces, minus the price of its energy [nats].
     """
 
     def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float) -> None:
@@ -114,32 +116,32 @@ class _Exchange:
         self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
         # The proof of a worst case pays only for iterates that seem better than the incumbent.
         self._proposed = driver.incumbent.rate * np.log(2)
-        self._last_steps = 0  # With the barrier parameter of the end.
+        self._last_steps = 0  # Number of steps with the last barrier parameter.
 
     @property
     def at_rest(self) -> bool:
-        """Whether steps and places have come to an end."""
+        """Whether the steps have converged and no place is exchanged for a worse one."""
         return self._solver.is_done
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing more is gained; places may oscillate, by ever less."""
+        """Whether the solver is at rest or has taken FINAL_STEPS, since places may oscillate."""
         return self.at_rest or self._last_steps >= FINAL_STEPS
 
     @property
     def solver_time(self) -> float:
-        """Time in the kernel, in s."""
+        """Time [s] spent in the kernel."""
         return self._solver.solver_time
 
     def propose(self) -> Array | None:
-        """Return the best iterate, or None if it is no better than what was proposed before."""
+        """Return the best iterate, or None if it is no better than the last proposed one."""
         if self.rate <= self._proposed:
             return None
         self._proposed = self.rate
         return self.best
 
     def advance(self, steps: int, final: float) -> int:
-        """Take a step, and raise as InteriorPointSolver.advance does."""
+        """Take one Newton step and exchange places; raise as InteriorPointSolver.advance does."""
         self._solver.advance(1, final)
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
@@ -156,13 +158,13 @@ class WorstPlaces:
     A few places of every disc in every slot, exchanged for worse ones.
 
     Problem (P1) has the largest leak to any place of a disc. A few places are enough at an iterate
-    when no place of the disc has a larger leak than the worst of them.
+    if no place of the disc has a larger leak than the worst of the few.
 
-    :param grid: of any number of slots.
+    :param grid: a grid of any number of slots.
     :param x: the first iterate, (N, U, 3).
-    :ivar receivers: the ground node, and eavesdroppers at the places.
-    :ivar rate: against the worst places at the last x, losing slots silenced, the least mean over
-        weight in nats.
+    :ivar receivers: the ground nodes, and eavesdroppers at the places.
+    :ivar rate: least weighted mean rate against the worst places at the last x [nats], with 0 for
+        negative rates.
     """
 
     def __init__(self, grid: Grid, x: Array) -> None:
@@ -174,7 +176,7 @@ class WorstPlaces:
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._find_worst(x)
         offset = worst - self._centres
-        # The SINRs of colluding eavesdroppers add up over all places: each has a single one.
+        # The SINRs of colluding eavesdroppers add up over all places, so each has one place only.
         angles = _ANGLES[:1] if self._scenario.colluding else _ANGLES
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                               for angle in angles])
@@ -188,20 +190,22 @@ class WorstPlaces:
 
     def exchange(self, x: Array, shares: Array, tolerance: float) -> bool:
         """
-        Exchange places for the worst of every disc and slot at x, (N, U, 3).
+        Exchange a place of every disc and slot for the disc's worst place at x, (N, U, 3).
 
-        The worst place replaces a near one, whose dual is nearly its own and which so follows the
-        UAVs. If none is near, it replaces the place with the smallest leak, but only if its own
-        exceeds all leaks that count by a tolerance in nats.
+        The worst place replaces the nearest place within _NEAR radii, whose dual carries over.
+        Without a near place, it replaces the place with the smallest leak, and only if it is
+        worse: if its leak exceeds the largest leak to places, of its disc for colluding
+        eavesdroppers and of all discs otherwise, by more than a tolerance.
 
-        :param shares: of the slots for the ground nodes, (G, N).
-        :return: True if any worst place exceeds the leaks that count by the tolerance.
+        :param shares: fraction of each slot for each ground node, (G, N).
+        :param tolerance: the least excess of a leak [nats].
+        :return: True if any worst place is worse.
         """
         worst, leaks = self._find_worst(x)
         grounds, place_leaks, heard = self.receivers.rates(x)
         self.rate = self._compute_rate(grounds, place_leaks, heard, leaks, shares)
         counted = place_leaks.reshape(*leaks.shape, -1)
-        # Without collusion, only the worst place of all discs counts.
+        # Without collusion, the leak is the largest over all discs, so other discs do not matter.
         worse = leaks > tolerance + (counted.max(axis=2) if self._scenario.colluding else
                                      place_leaks.max(axis=1, keepdims=True))
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
@@ -220,8 +224,8 @@ class WorstPlaces:
         """
         Discs of the places, by the names of core.pyi, in units of the grid.
 
-        Radii (N, E P), the places relative to the centres, (N, E P, 2), and True for places that
-        follow the UAVs, (N, E P).
+        `radii` (N, E P), `offsets` of the places from the centres (N, E P, 2), and whether each
+        place follows the UAVs, `followed` (N, E P).
         """
         slots, length = len(self._places), self._grid.length
         radii = np.repeat(self._radii / length, self._places.shape[2], axis=1)
@@ -230,7 +234,7 @@ class WorstPlaces:
                 'followed': self._largest.reshape(slots, -1) & (radii > 0)}
 
     def _find_worst(self, x: Array) -> tuple[Array, Array]:
-        """Return the worst places (N, E, 2) in m, and their leaks (N, E) in nats."""
+        """Return the worst place of each disc (N, E, 2) in m, and its leak (N, E) in nats."""
         places, leaks = leak_maximisers(
             self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x),
             self._discs)
@@ -242,6 +246,7 @@ class WorstPlaces:
 
     def _compute_rate(self, grounds: Array, place_leaks: Array, heard: Array, leaks: Array,
                       shares: Array | None = None) -> float:
+        """Return the least weighted mean rate [nats]; without shares, with the best shares."""
         if self._scenario.colluding:
             most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks)).sum(axis=1))
         else:

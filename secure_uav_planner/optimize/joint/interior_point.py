@@ -18,16 +18,16 @@ from ...model.limits.energy import price_energies
 from ...plan.plan import Status
 
 COARSE_SLOTS = 40  # Slots of the coarse grid.
-COARSE_MU = 1e-3  # The barrier parameter that ends the coarse grid,
-FINAL_MU = 1e-8  # and that of the full grid.
-REFINED_MU = 0.03  # The least for a finer grid where limits keep interpolation from being centred.
-MOST_STEPS = 150  # Newton steps on one grid.
-TRY_EVERY = 16  # Steps between proposals, each of which takes as long as several steps.
-WARM_SHARE = 0.01  # By which a plan that is improved further is moved into the interior,
-WARM_MU = 1e-3  # and the barrier parameter that it begins with.
+COARSE_MU = 1e-3  # Barrier parameter that ends the coarse grid.
+FINAL_MU = 1e-8  # Barrier parameter that ends the full grid.
+REFINED_MU = 0.03  # Least first barrier parameter on a finer grid if interpolation is not centred.
+MOST_STEPS = 150  # Largest number of Newton steps on one grid.
+TRY_EVERY = 16  # Steps between proposals; a proposal takes as long as several steps.
+WARM_SHARE = 0.01  # Fraction by which an earlier plan is moved into the interior.
+WARM_MU = 1e-3  # First barrier parameter for an earlier plan.
 
-_REFINEMENT = 8  # Ratio of slots of the next grid and of the last, at most.
-_MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
+_REFINEMENT = 8  # Largest ratio of the numbers of slots of two successive grids.
+_MIDDLE_MU = 1e-4  # Barrier parameter that ends a grid between the coarse and the full one.
 
 Discs: TypeAlias = dict[str, NDArray[Any]]
 """The discs of eavesdroppers at places, by the names of core.pyi."""
@@ -40,17 +40,17 @@ class InteriorPointSolver:
     S starts are advanced side by side, on all cores.
 
     :param x: the starts on a grid, (S, N, U, 3).
-    :param mu: the barrier parameter to begin with, in the grid's unit of rates, for all starts or
-        for each, (S,).
-    :param raise_if_over: called between parts of a step that may take long; what it raises ends
-        the step and leaves the starts as they are.
-    :param receivers: at places in the discs; by default those of the guarantee.
-    :param discs: of the receivers' places.
-    :param prices: of energy in nats per J, (U,), or None.
-    :ivar x: the iterates of all starts, changed in place.
-    :ivar shares: of the slots for the ground nodes, (S, N, G), likewise.
-    :ivar mu: their barrier parameters, likewise.
-    :ivar finished: True for those that have converged or make no more progress, likewise.
+    :param mu: first barrier parameter in the grid's unit of rates, for all starts or for each,
+        (S,).
+    :param raise_if_over: called between parts of a long step; an error that it raises ends the
+        step and leaves the starts as they are.
+    :param receivers: receivers at places in the discs; by default the guarantee's receivers.
+    :param discs: discs of the receivers' places.
+    :param prices: price of each UAV's energy in nats per J, (U,), or None.
+    :ivar x: iterates of all starts, changed in place.
+    :ivar shares: fraction of each slot for each ground node, (S, N, G), changed in place.
+    :ivar mu: barrier parameter of each start, (S,), changed in place.
+    :ivar finished: whether each start has converged or stalled, (S,), changed in place.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
@@ -70,14 +70,14 @@ class InteriorPointSolver:
             self.finished)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
-        """Continue with receivers at exchanged places; `worse` ones need further steps."""
+        """Continue with receivers at exchanged places; if they are worse, no start is finished."""
         self._core.exchange_places(
             _to_kernel(**discs), np.ascontiguousarray(receivers.positions, float))
         if worse:
             self.finished[:] = False
 
     def rates(self) -> Array:
-        """Return the mean rates against the receivers, losing slots silenced, in units, (S,)."""
+        """Return each start's least weighted mean rate in units, negative rates as 0, (S,)."""
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)
         return rates / self.grid.rate
@@ -94,13 +94,14 @@ class InteriorPointSolver:
 
     def advance(self, steps: int, final: float) -> int:
         """
-        Take up to `steps` steps from every start, as many as are short together.
+        Take `steps` steps from every start, or fewer if steps are expensive.
 
-        After a step mu is lowered towards `final` where it may be. Finished starts step, too.
+        After a step the barrier parameter of a centred or stalled start is lowered towards
+        `final`. Finished starts step as well.
 
         :return: the number of steps.
 
-        :raises NumericalError: when no step could be computed from any start.
+        :raises NumericalError: when a step failed from every start.
         """
         self.raise_if_over()
         started = time.perf_counter()
@@ -112,42 +113,43 @@ class InteriorPointSolver:
 
 
 class Optima(NamedTuple):
-    """Starts on a grid, (S, N, U, 3), in distinct optima, the best first."""
+    """Distinct local optima on a grid, (S, N, U, 3), the best first."""
 
     grid: Grid
     x: Array
 
 
 class Solver(Protocol):
-    """What a SolverDriver drives: an InteriorPointSolver, or one whose receivers change."""
+    """The interface of solvers that a SolverDriver drives, such as InteriorPointSolver."""
 
     grid: Grid
 
     @property
     def solver_time(self) -> float:
-        """Time in the kernel, in s."""
+        """Time [s] spent in the kernel."""
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing more is gained by steps."""
+        """Whether further steps gain nothing."""
 
     def advance(self, steps: int, final: float) -> int:
         """Take up to `steps` steps, and return their number."""
 
     def propose(self) -> Array | None:
-        """Return variables (N, U, 3) to be tried, or None if nothing seems worth it."""
+        """Return variables (N, U, 3) to be tried, or None if none seem better than before."""
 
 
 class SolverDriver:
     """
-    Steps of InteriorPointSolvers that all parts of the method take for one Incumbent.
+    Takes the steps of all solvers of the method for one Incumbent.
 
-    Every step is reported to the incumbent, and raises as Deadline.raise_if_over does.
+    Every step is reported to the incumbent, and raises StoppedError or TimeLimitError when the
+    method must end.
 
-    :ivar grid: the full grid, of the scenario's own slots.
-    :ivar elevation_offset: of the links, see make_links.
-    :ivar prices: of energy in nats per J, (U,), or None.
-    :ivar optima: those of a multistart that are near the best, once there are several.
+    :ivar grid: the full grid, which has the scenario's slots.
+    :ivar elevation_offset: widening of the smoothed quantile of fading links; see make_links.
+    :ivar prices: price of each UAV's energy in nats per J, (U,), or None.
+    :ivar optima: optima of a multistart near the best one, if there are several; else None.
     """
 
     def __init__(self, incumbent: Incumbent) -> None:
@@ -170,15 +172,15 @@ class SolverDriver:
                                    Receivers.of(grid, self.elevation_offset), prices=self.prices)
 
     def advance(self, solver: Solver, steps: int, mu: float) -> None:
-        """Take a number of steps from every start."""
+        """Take `steps` steps from every start, without looking whether the solver is done."""
         self._take_steps(solver, mu, steps, at_once=steps)
 
     def descend(self, solver: Solver, mu: float, steps: int = MOST_STEPS) -> Status:
-        """Take steps until a solver is done, at most a number."""
+        """Take at most `steps` steps until a solver is done, without proposals."""
         return self._take_steps(solver, mu, steps)
 
     def finish(self, solver: Solver, mu: float = FINAL_MU, steps: int = MOST_STEPS) -> Status:
-        """Descend as far as that, and propose what is found now and then."""
+        """Take at most `steps` steps until a solver is done, with proposals to the incumbent."""
         return self._take_steps(solver, mu, steps, try_every=TRY_EVERY)
 
     def refine_to_full_grid(self, coarse: Grid, x: Array,
@@ -186,7 +188,7 @@ class SolverDriver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
-        :param mu: the barrier parameter that they have on the coarse grid, for all or for each.
+        :param mu: barrier parameter on the coarse grid, of all starts or of each, (S,).
         """
         full = self.grid.slots
         grid, mu = coarse, np.full(len(x), 1.0) * mu
@@ -210,15 +212,14 @@ class SolverDriver:
     def _take_steps(self, solver: Solver, mu: float, steps: int, at_once: int = 1,
                     try_every: int = 0) -> Status:
         """
-        Take steps until a solver is done; report each to the incumbent.
+        Take steps until a solver is done; report each step to the incumbent.
 
-        Whatever ends the steps by an error, the best that they have found is proposed before.
+        If an error ends the steps, the best iterate is proposed before the error is raised.
 
-        :param mu: to which the barrier parameter is lowered.
-        :param steps: the most steps.
-        :param at_once: steps between two looks at whether the solver is done, in which case it
-            takes all of them.
-        :param try_every: steps between two proposals on the full grid; 0 for no proposal.
+        :param mu: barrier parameter to which the solver lowers its own.
+        :param steps: largest number of steps.
+        :param at_once: steps in one call of the solver. Only with 1 it may be done before `steps`.
+        :param try_every: steps between two proposals to the incumbent; 0 for no proposal.
         """
         taken = 0
         try:
@@ -241,7 +242,7 @@ class SolverDriver:
         return 'iteration_limit'
 
     def try_best(self, solver: Solver) -> None:
-        """Propose what a solver proposes to the incumbent, on the full grid."""
+        """Propose a solver's best iterate, interpolated to the full grid, to the incumbent."""
         x = solver.propose()
         if x is None:
             return
@@ -273,6 +274,6 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
 
 
 def _to_kernel(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return arrays as the kernel takes them."""
+    """Return arrays in the layout and type that the kernel reads: contiguous floats or flags."""
     return {name: np.ascontiguousarray(values, bool if values.dtype == bool else float)
             for name, values in arrays.items()}

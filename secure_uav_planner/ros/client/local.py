@@ -16,9 +16,10 @@ _DOMAINS = range(215, 233)
 @contextmanager
 def isolated(out: Path) -> Iterator[None]:
     """
-    Keep the ROS graph on this host and logs in the folder, unless variables are set.
+    Keep the ROS graph of a block on this host, in a domain of its own, and logs in a folder.
 
-    The variables are as before when the block ends.
+    Environment variables of ROS that are set already are left alone. When the block ends, all
+    variables are as before.
     """
     before = {name: os.environ.get(name) for name in (
         'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOG_DIR', 'ROS_DOMAIN_ID')}
@@ -39,7 +40,7 @@ def isolated(out: Path) -> Iterator[None]:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a domain that has no participant, or raise an OSError if all are in use."""
+    """Reserve a ROS domain without a participant, or raise an OSError if all are in use."""
     first = os.getpid() % len(_DOMAINS)
     for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
         port = 7400 + 250 * domain

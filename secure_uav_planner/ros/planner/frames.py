@@ -1,4 +1,4 @@
-"""Poses of other frames, which tf2 transforms to that of the planner."""
+"""Poses in other frames, which tf2 transforms to the planner's frame."""
 
 from contextlib import suppress
 from copy import deepcopy
@@ -16,13 +16,13 @@ from ...errors import brief, describe_error, PoseError, quote, WrongFrameError
 from ...mission.scenario import Array
 from ...output.autopilots import rotation
 
-_LONGEST_LAG = 1.0  # s by which the last transform may be older than a pose.
+_LONGEST_LAG = 1.0  # Largest time [s] between a pose and the last transform, which is then used.
 
 Message: TypeAlias = PoseStamped | PoseWithCovarianceStamped | Odometry
 
 
 def refuse_frame(message: Message, frame_id: str) -> Message:
-    """Raise a WrongFrameError, where nothing transforms poses."""
+    """Raise a WrongFrameError; it replaces Frames.transform where poses are not transformed."""
     raise WrongFrameError(_frame_refusal(message, frame_id))
 
 
@@ -35,7 +35,7 @@ class Frames:
     """
     Transforms poses with the tf2 of a node.
 
-    It subscribes to /tf at the first pose of another frame, which saves the time otherwise.
+    It subscribes to /tf at the first pose in another frame, so that others pay nothing for it.
     """
 
     def __init__(self, node: Node) -> None:
@@ -57,7 +57,7 @@ class Frames:
         except ImportError:
             raise WrongFrameError(
                 f'{reason}, or tf2_ros must be installed to transform it') from None
-        except Exception as error:  # Such as one of an enclave that does not allow it.
+        except Exception as error:  # For example, an SROS2 enclave may not allow the subscription.
             raise WrongFrameError(f'{reason}, or tf2 must listen to transforms, which it cannot: '
                                   f'{describe_error(error)}') from None
         try:
@@ -68,22 +68,24 @@ class Frames:
         return transform_message(message, transform, frame_id)
 
     def _listen(self) -> None:
+        """Make the tf2 buffer and its listener, unless they are there."""
         if self._listener is not None:
             return
         self._tf2 = import_module('tf2_ros')
-        if self._buffer is None:  # Or an earlier listener failed after it was made.
-            # With the clock of the node, which may jump back.
+        if self._buffer is None:  # It is there if only the listener failed at an earlier pose.
+            # A buffer with the node is cleared when the node's clock jumps back.
             self._buffer = self._tf2.Buffer(node=self._node)
         self._listener = self._tf2.TransformListener(self._buffer, self._node)
 
     def _lookup(self, message: Message, frame_id: str) -> Transform:
+        """Return the transform of a message at its stamp, or the last one if it is recent."""
         header, latest = message.header, Time()
         try:
             return self._buffer.lookup_transform(
                 frame_id, header.frame_id, Time.from_msg(header.stamp)).transform
         except (self._tf2.ExtrapolationException, ValueError):
-            # Poses come as soon as they are measured and transforms a little later; ValueErrors
-            # are about stamps before 1970.
+            # Poses arrive as soon as they are measured, and transforms a little later. Stamps
+            # before 1970 raise a ValueError.
             transform = self._buffer.lookup_transform(frame_id, header.frame_id, latest)
             lag = nanoseconds(header.stamp) - nanoseconds(transform.header.stamp)
             if abs(lag) > _LONGEST_LAG * 1e9:
@@ -92,7 +94,7 @@ class Frames:
 
 
 def transform_message(message: Message, transform: Transform, frame_id: str) -> Message:
-    """Return a pose after a transform: R p + t, with the covariance R C R^T of both its parts."""
+    """Return a pose after a transform: R p + t, with covariances R C R^T."""
     turn = rotation(_vector(transform.rotation, 'xyzw'), 'the rotation of the transform')
     new = deepcopy(message)
     new.header.frame_id = frame_id
@@ -102,7 +104,7 @@ def transform_message(message: Message, transform: Transform, frame_id: str) -> 
         _set(pose.position, turn.apply(_vector(pose.position)) + _vector(transform.translation))
         if not isinstance(new, PoseStamped):
             new.pose.covariance = turn_covariance(new.pose.covariance, turn).ravel()
-        # A velocity is in the frame of the child, which is transformed if it is the pose's own.
+        # A velocity is in the child frame, and is transformed if that is the frame of the pose.
         if isinstance(new, Odometry) and message.child_frame_id == message.header.frame_id:
             new.child_frame_id = frame_id
             for vector in (new.twist.twist.linear, new.twist.twist.angular):
@@ -116,7 +118,7 @@ def transform_message(message: Message, transform: Transform, frame_id: str) -> 
 
 def turn_covariance(values: Any, turn: Any) -> Array:
     """Return a covariance of two vectors in the axes after a rotation, (6, 6)."""
-    # Block by block: one that is not finite, and not used, leaves the others as they are.
+    # Block by block, so that an unused block that is not finite does not spoil used ones.
     blocks = np.reshape(values, (2, 3, 2, 3)).transpose(0, 2, 1, 3)
     turned = turn.as_matrix() @ blocks @ turn.as_matrix().T
     return np.asarray(turned.transpose(0, 2, 1, 3).reshape(6, 6))

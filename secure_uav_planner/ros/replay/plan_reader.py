@@ -1,4 +1,4 @@
-"""Reads the plans of messages without a pause in the stream of setpoints."""
+"""Reads plans from messages without a pause in the stream of setpoints."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,18 +12,19 @@ from ...plan.plan import Plan
 from ...plan.reader import ReaderProcess
 
 MOST_CHARACTERS = 250_000
-"""Longest text that is read at once: 2,000 slots of two UAVs in about 10 ms."""
+"""Longest text that is read in this process: 2,000 slots of two UAVs take about 10 ms."""
 
 
 class PlanReader:
     """
     Reads one text after another, a long one in a process of its own.
 
-    While that process reads, only the newest text waits. All methods belong to one thread.
+    While a long text is read, only the newest other text waits. All methods must be called from
+    one thread.
 
-    :param post: called from any thread with a function to run in that thread.
+    :param post: called from any thread with a function, which it runs in the reader's thread.
     :param take: called with each plan and its frame.
-    :param refuse: called with the reason for which a text is not a plan.
+    :param refuse: called with the reason why a text is not a plan.
     """
 
     def __init__(self, post: Callable[[Callable[[], None]], None],
@@ -31,11 +32,11 @@ class PlanReader:
         self._post, self._take, self._refuse = post, take, refuse
         self._pool, self._process = ThreadPoolExecutor(1, 'reader'), ReaderProcess()
         self._waiting = ''
-        self._idle = Future()  # Done while nothing is read.
+        self._idle = Future()  # Done while no text is being read.
         self._idle.set_result(None)
 
     def read(self, text: str) -> None:
-        """Read a text: at once, or in a while if it is long or another one is being read."""
+        """Read a text: before this returns, or later if it is long or another is being read."""
         if not self._idle.done():
             self._waiting = text
         elif len(text) <= MOST_CHARACTERS:
@@ -46,7 +47,7 @@ class PlanReader:
                 lambda reading: self._post(partial(self._end, reading.result)))
 
     async def wait(self) -> None:
-        """Wait until everything that has come is read."""
+        """Wait until all texts are read."""
         while not self._idle.done():
             await self._idle
 
@@ -56,6 +57,7 @@ class PlanReader:
         self._process.close()
 
     def _end(self, result: Callable[[], tuple[Plan, str]]) -> None:
+        """Pass on the result of a long text, then read the text that waits."""
         self._finish(result)
         idle, text, self._waiting = self._idle, self._waiting, ''
         idle.set_result(None)
@@ -63,6 +65,7 @@ class PlanReader:
             self.read(text)
 
     def _finish(self, result: Callable[[], tuple[Plan, str]]) -> None:
+        """Pass on the plan of a text, or the reason why it is not a plan."""
         try:
             plan, frame_id = result()
         except PlanningError as error:

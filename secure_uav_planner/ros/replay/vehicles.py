@@ -1,4 +1,4 @@
-"""The vehicles that fly the replay's setpoints: where they are, and whether they get them."""
+"""The vehicles that fly the replay's setpoints: where they are, and whether setpoints arrive."""
 
 import math
 
@@ -10,14 +10,14 @@ from ...errors import quote
 from ...plan.flight import Flight
 from ...plan.player import Point3
 
-_FRESH_S = 1.0  # Largest age of the odometry that says where a vehicle is now.
+_FRESH_S = 1.0  # Largest age [s] of odometry that is taken as the present position.
 
 
 class Vehicles:
     """
-    The last odometry of each vehicle, with times of the node's clock in ns.
+    The last odometry of each vehicle; times are in ns of the node's clock.
 
-    :ivar relays: what becomes of the setpoints of each UAV, where a relay reports it.
+    :ivar relays: reports of the relays on the setpoints of each UAV.
     """
 
     def __init__(self) -> None:
@@ -26,11 +26,11 @@ class Vehicles:
         self._distances: dict[str, tuple[Odometry, float]] = {}  # Last odometry and its distance.
 
     def take(self, topic: str, message: Odometry, now_ns: int) -> None:
-        """Keep odometry that has come on `<uav>/odom`."""
+        """Keep odometry from the topic `<uav>/odom`."""
         self._odometry[topic.partition('/')[0]] = now_ns, message
 
     def position(self, name: str, frame_id: str, now_ns: int) -> Point3 | str:
-        """Return the position of a UAV by its odometry in m, or the missing odometry in words."""
+        """Return the position of a UAV by odometry, (x, y, z) in m, or what is missing."""
         received, message = self._odometry.get(name, (0, None))
         if message is None or not 0 <= now_ns - received <= _FRESH_S * 1e9:
             return f'odometry of {name}'
@@ -51,11 +51,12 @@ class Vehicles:
         """
         Return the UAVs that are not on their plan, each with the reason in words.
 
-        A UAV is off its plan beyond the tolerance in m, or beyond the tracking_margin if that is
-        larger. A UAV without odometry counts as on its plan, unless a relay reports and does not
-        pass its setpoints on.
+        A UAV is off its plan beyond the tolerance, or beyond the tracking_margin if it is larger.
+        A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
+        pass the UAV's setpoints on.
 
-        :param flight: as of a time flight_ns.
+        :param flight: the flight at the time flight_ns.
+        :param tolerance: distance from the plan [m].
         """
         lost, scenario = {}, flight.playback.plan.scenario
         most = max(tolerance, scenario.tracking_margin)
