@@ -145,7 +145,12 @@ def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]
 
 def refuse_duration(duration: float, uav: Uav, shortest: float | None, way: str = ''
                     ) -> InfeasibleMissionError:
-    """Return the error of a UAV, as in refuse_slow_uavs; `way` may be ' around tower'."""
+    """
+    Return the error of a UAV that needs more time than the mission's duration [s].
+
+    :param shortest: duration that the UAV needs [s], NaN if unknown, None if none suffices.
+    :param way: words after 'from start to goal', such as ' around tower'.
+    """
     if shortest is None:
         needs = f'none of up to {DURATION.high:g} s takes {uav.name}'
     else:

@@ -92,7 +92,7 @@ class Channel(Checked):
 
     @property
     def promise(self) -> str:
-        """Name of the promise of rates: 'guaranteed', or the kind of mean gains."""
+        """Words for what rates promise: 'guaranteed', or at which mean gains they hold."""
         if self.is_guarantee:
             return 'guaranteed'
         return 'at mean gains of the links that help' if self.cautious else 'at mean gains'
@@ -122,7 +122,7 @@ class Channel(Checked):
 
 
 def rate_name(objective: str, promise: str) -> str:
-    """Name the rate of an objective with the promise of a channel."""
+    """Name the rate of an objective, such as 'worst-case rate at mean gains'."""
     check_argument('objective', objective, Choice(OBJECTIVES))
     if promise == 'guaranteed':
         return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'

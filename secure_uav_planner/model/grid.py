@@ -106,7 +106,7 @@ class Grid:
 
     @cached_property
     def step_lengths(self) -> Array:
-        """Distances flown in a slot, capped at a share of the mission's extent, (U,) in m."""
+        """Distances flown in a slot, at most a fraction of the mission's extent, (U,) in m."""
         scenario = self.scenario
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _LONGEST_STEP * extent)
@@ -140,7 +140,7 @@ class Grid:
         return positions
 
     def refine(self, x: Array, slots: int) -> Array:
-        """Return x (N, U, 3) of this grid on one of other slots; mean powers are kept."""
+        """Interpolate x (N, U, 3) of this grid to another number of slots; keep mean powers."""
         path = self.refine_path(self.path(x), slots)
         power = resample(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
@@ -148,9 +148,10 @@ class Grid:
 
     def refine_path(self, path: Array, slots: int) -> Array:
         """
-        Return a path of this grid on one of other slots, with its largest speed.
+        Interpolate a path of this grid to another number of slots; the largest speed is kept.
 
-        With a limit of acceleration it is along the curve, nearly with the largest acceleration.
+        With a limit of acceleration the new points follow the flown curve, and the largest
+        acceleration is nearly kept.
         """
         if not self.scenario.limits_acceleration:
             return resample(path, slots + 2)
@@ -188,7 +189,7 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
 
 def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
-    Return values (M, ...) over equal shares of a flight at another number of points.
+    Interpolate values (M, ...) at equidistant points of a flight to another number of points.
 
     :param inner: whether the values belong to slots, which lie between start and goal.
     """

@@ -102,8 +102,11 @@ class Problem:
     def find_routes(self, uav: int, places: Sequence[Array],
                     most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
         """
-        Return the routes of a UAV from each place to the next, at a distance where they can be.
+        Return the routes of a UAV from each place to the next.
 
+        They keep the largest of a few distances from obstacles at which all routes exist.
+
+        :param most: largest number of routes between two places.
         :return: the visibility graph, or None without obstacles, and the routes of
             VisibilityGraph.find_routes for each pair of places.
         """
@@ -118,7 +121,7 @@ class Problem:
         return graph, routes
 
     def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
-        """Return the graph of a UAV with a distance in steps, or None without obstacles."""
+        """Return the graph of a UAV that keeps a distance, in steps; None without obstacles."""
         if not self.airspace.obstacles[uav]:
             return None
         # UAVs that fly as high and as fast share a graph.

@@ -199,7 +199,12 @@ def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: A
 
 
 def find_power_range(team: Team, uav: int) -> tuple[float, float]:
-    """Return the range of log p of a jammer in its terms; bound_terms covers lower powers."""
+    """
+    Return the lower and the upper limit of log p of a jammer, p being its power [W].
+
+    The upper limit is the peak. At powers below the lower limit the received SNR is less than
+    FLOOR everywhere; bound_terms covers these powers.
+    """
     region, top = team.regions[uav], math.log(team.regions[uav].peak)
     largest = region.log_gain + max(0.0, float(region.log_advantages.max()))
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top

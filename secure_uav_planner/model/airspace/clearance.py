@@ -265,7 +265,7 @@ class Clearance:
 
     @cached_property
     def to_zones(self) -> Approach | None:
-        """Smallest distance of a UAV to a zone, as given, at its altitude, or None without any."""
+        """Smallest distance of a UAV to a zone at its altitude, without margin, or None."""
         nearest = (self._find_nearest_zone(number, uav)
                    for number, uav in enumerate(self._scenario.uavs))
         return min((approach for approach in nearest if approach is not None), default=None)
@@ -324,7 +324,11 @@ class Clearance:
 
 
 def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
-    """Return the first polygon that a motion enters, and times around its entries, or none."""
+    """
+    Return the first polygon, in their order, that a motion enters, and times near its entries.
+
+    Without an entry, the index is the number of polygons and there are no times.
+    """
     middles = shapely.points(pieces.positions)
     at, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
     edges, owners, tree = _list_edges(polygons)
@@ -339,7 +343,7 @@ def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
 
 
 def _list_edges(polygons: Sequence[Any]) -> tuple[Array, NDArray[np.intp], Any]:
-    """Return the edges of polygons, (E, 2, 2) in m, the index of each one's, and their tree."""
+    """Return the polygons' edges (E, 2, 2) in m, each edge's polygon (E,), and an STRtree."""
     parts, owner = shapely.get_parts(np.array(polygons, object), return_index=True)
     rings, part = shapely.get_rings(parts, return_index=True)
     corners, ring = shapely.get_coordinates(rings, return_index=True)

@@ -91,7 +91,7 @@ class VisibilityGraph:
         return np.asarray(distances[-1 - len(begins):-1])
 
     def find_nearest_free(self, place: Array) -> Array:
-        """Return the place nearest to a given one that keeps the distance, (2,)."""
+        """Return a place moved out of the obstacles to the distance that routes keep, (2,)."""
         point = shapely.Point(place)
         for part in self._parts:
             if part.contains(point):
@@ -99,7 +99,11 @@ class VisibilityGraph:
         return np.array(point.coords[0])
 
     def _insert(self, extra: Array) -> tuple[Array, Edges]:
-        """Return the corners with extra places behind them, and the edges between all."""
+        """
+        Return the corners followed by extra places, and the visible edges of the graph.
+
+        Extra places are joined to all corners and to the last extra place.
+        """
         corners = len(self._corners)
         places = np.concatenate([self._corners, extra])
         more = np.arange(corners, len(places))

@@ -169,7 +169,12 @@ def make_links(scenario: Scenario, length: float, power: Array,
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
           snr: Array | float, altitudes: Array, elevation_offset: float = 0.0) -> FreeSpace:
-    """Return a link to kinds of receivers, ground node (0) or eavesdroppers (1), in a shape."""
+    """
+    Return the links of all UAVs to receivers by the scenario's channel.
+
+    :param kinds: 0 for a ground node or 1 for an eavesdropper, or a list of these.
+    :param shape: shape in which kinds and UAVs are arranged for broadcasting.
+    """
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # A jammer interferes at the ground node; the transmitter leaks to an eavesdropper.

@@ -43,7 +43,7 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
 
 
 def _divide(rates: Array, offsets: Array) -> Array:
-    """Return the shares of nodes whose means have offsets, (G, N)."""
+    """Return the shares (G, N) with the largest least mean, where means have offsets (G,)."""
     shares, used = np.zeros(rates.shape), np.flatnonzero(rates.any(axis=0))
     if len(used):
         scale = rates.max()
@@ -54,6 +54,7 @@ def _divide(rates: Array, offsets: Array) -> Array:
 
 
 def _take_all(rates: Array, offsets: Array) -> Array:
+    """Return shares of 1 for a single node."""
     return np.ones(rates.shape)
 
 
@@ -158,9 +159,10 @@ def _unite(shares: Array, rates: Array) -> Array:
 def _pass_round(parts: dict[int, dict[int, float]], links: list[set[int]],
                 circle: list[tuple[int, int, int]], rates: Array) -> None:
     """
-    Pass shares round a circle of slots and nodes, (slot, from, to), until one is 0.
+    Pass shares round a circle of links (slot, giver, taker) until a share is 0.
 
-    Nodes give what they take, in rates, but the first, which gains: otherwise all is turned round.
+    Every node but the first takes as much rate as it gives. The first node gains, because the
+    circle is reversed if it would lose.
     """
     gain, given = 1.0, []
     for slot, giver, taker in circle:
@@ -184,7 +186,12 @@ def _pass_round(parts: dict[int, dict[int, float]], links: list[set[int]],
 
 def _find_path(links: list[set[int]], begins: Iterable[int], new: int,
                end: int) -> list[tuple[int, int, int]]:
-    """Return links (slot, from, to) that lead from nodes that have a new slot to another node."""
+    """
+    Return the shortest path of links (slot, from, to) from nodes with a new slot to a node.
+
+    :param links: divided slots of each node; two nodes with a common slot are linked.
+    :param begins: nodes of the new slot.
+    """
     before: dict[int, tuple[int, int]] = {}
     queue = [node for node in begins if new in links[node]]
     reached = set(queue)

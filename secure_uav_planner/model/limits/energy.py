@@ -52,11 +52,11 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
     """
-    Return the UAVs with what a beginning of their flights leaves of their limits of energy.
+    Return the UAVs with the part of max_energy that the beginning of their flights leaves.
 
-    :param positions: of the beginning at least, (U, >= point + 1, 2) in m.
-    :param point: up to half a slot before which energies count: there a rest of the flight from
-        this point on begins.
+    :param positions: points of the beginning, (U, >= point + 1, 2) in m.
+    :param point: first point of the rest of the flight, whose curve begins half a slot earlier.
+        Energies until then are subtracted.
     """
     if point == 0 or not scenario.limits_energy:
         return scenario.uavs

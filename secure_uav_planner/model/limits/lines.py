@@ -59,10 +59,10 @@ class ControlPoints:
         self.weights[:, grid.fixed] = 0.0
 
     def _close_ends(self) -> None:
-        """Express q[-1] and q[N+2] by points of the flight and the end velocities."""
+        """Replace the points q[-1] and q[N+2] by points of the flight and end velocities."""
         velocities = self.grid.scenario.end_velocities
         if not self.grid.scenario.limits_acceleration:
-            velocities = np.zeros_like(velocities)  # The UAVs rest there.
+            velocities = np.zeros_like(velocities)  # UAVs rest at both ends.
         free = np.isnan(velocities[..., 0])
         moves = np.nan_to_num(velocities) * self.grid.slot_duration / self.grid.length
         for end, sign, outer, inner in ((0, -1.0, 0, 2), (-1, 1.0, 2, 0)):
@@ -154,10 +154,10 @@ class LineLimit(Limit):
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
                        raise_if_over: Callable[[], None]) -> Lines:
         """
-        Return lines for a path that need not be clear, chosen for the flight as a whole.
+        Return lines by which a path that is not clear can be moved to one side of each obstacle.
 
-        :param lines: lines of the path, which may be changed.
-        :param opposite: whether to pass on the opposite side of the nearest one, if there is one.
+        :param lines: lines of the path, which may be changed in place.
+        :param opposite: whether UAVs that meet pass each other on the side that is not nearest.
         """
         return lines
 

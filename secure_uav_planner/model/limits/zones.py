@@ -102,9 +102,11 @@ class SeparationLimit(LineLimit):
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
                        raise_if_over: Callable[[], None]) -> Lines:
         """
-        Return lines that turn evenly while two UAVs are too close.
+        Return lines whose normals turn at a constant rate while two UAVs are too close.
 
         So the UAVs pass each other on one side, even if their difference runs through the origin.
+
+        :param opposite: whether to turn the other way, if the turn is longer than 60 degrees.
         """
         least = self.slacks(path, lines).min(axis=-1)
         raise_if_over()
@@ -118,7 +120,7 @@ class SeparationLimit(LineLimit):
 
 
 def _turn_evenly(angles: Array, close: NDArray[np.bool_], opposite: bool) -> Array:
-    """Return angles that change evenly within every stretch that is close."""
+    """Return angles interpolated linearly over every stretch of points that are close."""
     angles = angles.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))
     for begin, end in edges.reshape(-1, 2).tolist():

@@ -204,7 +204,7 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
 
 
 def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Iterator[Array]:
-    """Yield flights (U, N+2, 2) in m straight from start to goal, or on routes around."""
+    """Yield flights (U, N+2, 2) in m from start to goal, straight or around obstacles."""
     choices = []
     for index in range(len(problem.scenario.uavs)):
         raise_if_over()
@@ -217,7 +217,13 @@ def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> I
 
 def _turn_back(graph: VisibilityGraph, out: Array, goal: Array,
                reach: float) -> tuple[Array, Array] | None:
-    """Return the longest part of a route out from which the goal is in reach, and the way back."""
+    """
+    Return the longest part of a route after which the goal can be reached, and the way there.
+
+    :param out: a route, (K, 2) in m.
+    :param reach: length of both parts together [m].
+    :return: both parts, or None if the goal cannot be reached from a point of the route.
+    """
     covered = np.linspace(0, _measure_length(out), _TURNS)
     places = _locate(out, covered)
     late = covered + graph.measure_distances(places, goal) > reach
@@ -237,6 +243,7 @@ def _measure_corners(route: Array) -> Array:
 
 
 def _measure_length(route: Array) -> float:
+    """Return the length of a route [m]."""
     return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
 
 
@@ -290,7 +297,7 @@ def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
 
 
 def _find_turning_place(start: Array, goal: Array, place: Array, reach: float) -> Array:
-    """Return the place nearest to `place` on the line there from which `goal` is in reach."""
+    """Return the last place on the line from start to `place` from which the goal is in reach."""
     outward = math.dist(start, place)
     if outward + math.dist(place, goal) <= reach:
         return place

@@ -108,7 +108,7 @@ class _Obstruction(NamedTuple):
     text: str
 
     def describe(self, duration: float) -> InfeasibleMissionError:
-        """Return the error, for the mission's duration in s."""
+        """Return the error of this obstruction for a mission of a duration [s]."""
         if math.isinf(self.shortest):
             return InfeasibleMissionError(self.text, ('uavs', self.number))
         return refuse_duration(duration, self.uav, self.shortest, self.text)
@@ -143,7 +143,11 @@ def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoRe
 
 def _refuse_all(problem: Problem, enough: float | None, raise_if_over: DeadlineCheck
                 ) -> InfeasibleMissionError:
-    """Return the error of UAVs that cannot fly together; a duration in s may be enough."""
+    """
+    Return the error of UAVs that cannot fly together.
+
+    :param enough: a duration [s] in which flights were found, or None.
+    """
     scenario = problem.scenario
     names = ' and '.join(uav.name for uav in scenario.uavs)
     kept = {field: text for field, text, applies in (
