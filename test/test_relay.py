@@ -1,5 +1,6 @@
 """The relay node in a process of its own, with real messages of the stacks over DDS."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib import import_module, invalidate_caches
 import math
@@ -353,64 +354,81 @@ class Autopilot:
 
     def _fly(self):
         """Follow the last setpoint by the law of common autopilots, and report."""
-        wanted = np.zeros(2)
+        wanted, most = np.zeros(2), 4.0  # m/s^2
         if self._target is not None and time.monotonic() - self._target[0] < 1.0:
             at, velocity = self._target[1].position, self._target[1].velocity
-            wanted = (velocity.x, velocity.y) + GAIN * (np.array([at.x, at.y]) - self.place)
+            offset = np.array([at.x, at.y]) - self.place
+            distance = math.hypot(*offset)
+            closing = min(GAIN * distance, math.sqrt(2 * most * distance)) / max(distance, 1e-9)
+            wanted = (velocity.x, velocity.y) + closing * offset
             wanted *= min(1.0, 12.0 / max(np.hypot(*wanted), 1e-9))
         change = wanted - self.velocity
         self.velocity = self.velocity + change * min(
-            1.0, 4.0 * self.step / max(np.hypot(*change), 1e-9))
+            1.0, most * self.step / max(np.hypot(*change), 1e-9))
         self.place = self.place + self.step * self.velocity
         message = pose_message(Odometry, *self.place, 100.0, stamp=self._now())
         message.twist.twist.linear.x, message.twist.twist.linear.y = self.velocity.tolist()
         self._publisher.publish(message)
 
 
-def test_vehicles_that_were_handed_over_or_lost_their_relay_come_back_and_no_power_meanwhile(
-        packages, client):
-    """The relay is disabled for 3 s, and later killed and started again."""
-    names, options = ('uav1', 'uav2'), {'stack': 'mavros', 'uav1__max_speed': 10.0}
-    powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
-    with node_process('planner', duration=300.0, slots=150, replan_deviation=8.0, replan_lead=3.0,
-                      uav1__max_acceleration=2.5, uav2__max_acceleration=2.5,
-                      uav2__altitude=100.0) as planner, \
-            node_process('replay', vehicle_odometry=True) as replay:
-        with node_process('relay', **options) as relay:
-            for name in names:
-                Autopilot(packages, client, name, (100.0, 500.0))
-            wait_for(lambda: all(client.status.has_pose(f'{name}/odom')
-                                 for name in names))
-            client.plan_paper()
-            assert client.call('replay/start').success
+class Held:
+    """Two vehicles that fly a plan through a relay, and what is told of them."""
 
-            def distances():
-                return [client.status.track.distance.get(name, math.nan) for name in names]
+    options = {'stack': 'mavros', 'uav1__max_speed': 10.0}
 
-            def until_held_and_back():
-                """Wait until both were told off their plan, without power, and are back."""
-                wait_for(lambda: 'uav1 is held ' in client.statuses[-1].text,
-                         what='the word that uav1 is held')
-                wait_for_line(replay, 'no power is sent: ')
-                wait_for(lambda: not any(watts[-1].data for watts in powers), what='silence')
-                wait_for(lambda: all(at < 3.0 for at in distances()), what='both on their plan')
-                wait_for(lambda: powers[0][-1].data > 0, what='power again')
+    def __init__(self, packages, client, stack):
+        names, self.client = ('uav1', 'uav2'), client
+        self.powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
+        self.planner = stack.enter_context(node_process(
+            'planner', duration=300.0, slots=150, replan_deviation=8.0, replan_lead=3.0,
+            uav1__max_acceleration=2.5, uav2__max_acceleration=2.5, uav2__altitude=100.0))
+        self.replay = stack.enter_context(node_process('replay', vehicle_odometry=True))
+        self.relay = stack.enter_context(node_process('relay', **self.options))
+        for name in names:
+            Autopilot(packages, client, name, (100.0, 500.0))
+        wait_for(lambda: all(client.status.has_pose(f'{name}/odom') for name in names))
+        client.plan_paper()
+        assert client.call('replay/start').success
+        wait_for(lambda: client.status.track.time > 6.0 and self.is_flown(),
+                 what='a flight')
 
-            wait_for(lambda: client.status.track.time > 8.0 and (
-                all(at < 3.0 for at in distances()) and powers[0][-1].data > 0), what='a flight')
-            client.call('relay/enable', SetBool, SetBool.Request(data=False))
-            time.sleep(3.0)
-            client.call('relay/enable', SetBool, SetBool.Request(data=True))
-            until_held_and_back()
-            replay.lines.clear()
-            relay.kill()
-            for node in (replay, planner):  # About a second later.
-                wait_for_line(node, 'the relay of uav1, /relay, has not reported for ')
-            wait_for(lambda: 'the relay of uav1, /relay, has not reported for ' in (
-                client.statuses[-1].text), what='the name of the relay that died')
-        with node_process('relay', **options):
-            client.send_paper()  # Its poses ended with the relay.
-            until_held_and_back()
+    def is_flown(self):
+        """Return True if both are on their plan, and send power."""
+        distances = self.client.status.track.distance
+        return all(distances.get(name, math.nan) < 3.0 for name in ('uav1', 'uav2')) and (
+            self.powers[0][-1].data > 0)
+
+    def wait_until_held(self):
+        """Wait until both were told off their plan, and send no power."""
+        wait_for(lambda: 'uav1 is held ' in self.client.statuses[-1].text,
+                 what='the word that uav1 is held')
+        wait_for_line(self.replay, 'no power is sent: ')
+        wait_for(lambda: not any(watts[-1].data for watts in self.powers), what='silence')
+
+
+def test_vehicles_that_were_handed_over_come_back_and_send_no_power_meanwhile(packages, client):
+    """The relay is disabled for 3 s."""
+    with ExitStack() as stack:
+        held = Held(packages, client, stack)
+        client.call('relay/enable', SetBool, SetBool.Request(data=False))
+        time.sleep(3.0)
+        client.call('relay/enable', SetBool, SetBool.Request(data=True))
+        held.wait_until_held()
+        wait_for(held.is_flown, what='both on their plan')
+
+
+def test_vehicles_that_lost_their_relay_come_back_through_the_next_one(packages, client):
+    with ExitStack() as stack:
+        held = Held(packages, client, stack)
+        held.relay.kill()
+        text = 'the relay of uav1, /relay, has not reported for '
+        for node in (held.replay, held.planner):  # About a second later.
+            wait_for_line(node, text)
+        wait_for(lambda: text in client.statuses[-1].text, what='the name of the relay')
+        stack.enter_context(node_process('relay', **held.options))
+        client.send_paper()  # Its poses ended with the relay.
+        held.wait_until_held()
+        wait_for(held.is_flown, what='both on their plan')
 
 
 @pytest.mark.parametrize('stack, kind, topic', [

@@ -18,7 +18,8 @@ from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
 from secure_uav_planner.ros.planner.scenarios import Replanning
-from secure_uav_planner.ros.relay.guard import Guard, Limits
+from secure_uav_planner.ros.relay.guard import Guard, Limits, Stream
+from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
 from secure_uav_planner.ros.settings import objective_from
 from strategies import with_uavs
 
@@ -272,9 +273,18 @@ class Vehicle:
 
     step, limits = 0.1, Limits(10.0, 3.0, 1.0, 5.0, 1.0)
 
-    def __init__(self, place):
+    def __init__(self, place, acceleration=3.0):
         self.place, self.velocity = np.array(place), np.zeros(2)
         self._guard, self._target = Guard(), (self.place, self.velocity)
+        self._acceleration, self._since = acceleration, (None, 0.0)
+
+    def report(self, now, is_enabled):
+        """Return the report of its relay, enabled or not."""
+        stream = (self._guard.stream(round(now * 1e9), self.limits) if is_enabled else
+                  Stream('disabled'))
+        if stream.state != self._since[0]:
+            self._since = stream.state, now
+        return RelayState('/relay', stream.state, now - self._since[1], stream.reason)
 
     def fly(self, now, place, velocity, is_enabled):
         """Go on with the setpoint of a time in s."""
@@ -288,42 +298,84 @@ class Vehicle:
                 self._guard.take(Setpoint(
                     'map', now_ns, (*place, 100.0), 0.0, (*velocity, 0.0)), now_ns, self.limits)
                 self._target = place, velocity
-            except OptionError:
+            except OptionError as error:
+                self._guard.note_refusal(str(error), now_ns)
                 held = self._guard.hold(now_ns)
                 if held is not None:
                     self._target = np.array(held.position[:2]), np.zeros(2)
         offset = self._target[0] - self.place
         distance = math.hypot(*offset)
-        closing = min(GAIN * distance, math.sqrt(6.0 * distance)) / max(distance, 1e-9)
+        closing = min(GAIN * distance, math.sqrt(2 * self._acceleration * distance))
+        closing /= max(distance, 1e-9)
         change = self._target[1] + closing * offset - self.velocity
         self.velocity = self.velocity + change * min(
-            1.0, 3.0 * self.step / max(math.hypot(*change), 1e-9))
+            1.0, self._acceleration * self.step / max(math.hypot(*change), 1e-9))
         self.place = self.place + self.step * self.velocity
+
+
+def hand_over(begin, duration, tolerance, acceleration, has_reports):
+    """
+    Hand vehicles over to a pilot at a time for a while, both in s.
+
+    :param acceleration: of the vehicles in m/s^2; the plan has 3.
+    :param has_reports: whether the relay reports what it does with the setpoints.
+    :return: the Bench, the largest distance of a vehicle from its plan at each time, and texts.
+    """
+    scenario = with_uavs(Scenario.paper(200.0, slots=100), max_acceleration=3.0)
+    bench, clock, texts = Bench(replace(solve(scenario), start_ns=START * 10**9)), 0.0, set()
+    bench.late, names, distances = None, ('uav1', 'uav2'), []
+    bench.tracking.relays = RelayReports(lambda: clock)
+    vehicles = [Vehicle(uav.start, acceleration) for uav in scenario.uavs]
+    for vehicle in vehicles:
+        vehicle.limits = Limits(10.0, 3.0, 1.0, tolerance, 1.0)
+    for clock in np.arange(0.0, begin + 35.0, Vehicle.step):
+        moment, now = Playback(bench.plan).at(clock), START + clock
+        is_enabled = not begin <= clock < begin + duration
+        for name, vehicle, place, velocity in zip(
+                names, vehicles, moment.positions, moment.velocities):
+            vehicle.fly(now, place, velocity, is_enabled)
+            bench.add_pose(f'{name}/odom', odometry_message(
+                *vehicle.place, vehicle.velocity, stamp=stamp_at(now)), now)
+            if has_reports:
+                bench.tracking.relays.take(
+                    f'{name}/relay', vehicle.report(now, is_enabled).to_message(name))
+        bench.report(clock, clock)
+        bench.check(clock, replan_deviation=8.0, replan_lead=2.0)
+        distances.append(max(math.dist(vehicle.place, place)
+                             for vehicle, place in zip(vehicles, moment.positions)))
+        texts |= {text.partition(' m ')[0].rpartition(' ')[0]
+                  for text in bench.tracking.status(DEFAULTS, now)[0]}
+    assert distances[-1] < 1.1 and not bench.refused
+    return bench, np.array(distances), texts
 
 
 @pytest.mark.parametrize('begin', [15.0, 35.0])
 def test_vehicles_that_were_handed_over_for_3_s_are_met_where_they_are_and_come_back(begin):
     """Before, the plan waited for them 72 m away for the rest of the flight, 93 s."""
-    scenario = with_uavs(Scenario.paper(200.0, slots=100), max_acceleration=3.0)
-    bench = Bench(replace(solve(scenario), start_ns=START * 10**9))
-    bench.late, names = None, ('uav1', 'uav2')
-    vehicles = [Vehicle(uav.start) for uav in scenario.uavs]
-    said, late = set(), 0
-    for clock in np.arange(0.0, begin + 35.0, Vehicle.step):
-        moment, now = Playback(bench.plan).at(clock), START + clock
-        for name, vehicle, place, velocity in zip(
-                names, vehicles, moment.positions, moment.velocities):
-            vehicle.fly(now, place, velocity, not begin <= clock < begin + 3.0)
-            bench.add_pose(f'{name}/odom', odometry_message(
-                *vehicle.place, vehicle.velocity, stamp=stamp_at(now)), now)
-        bench.report(clock, clock)
-        bench.check(clock, replan_deviation=8.0, replan_lead=2.0)
-        distances = [math.dist(vehicle.place, place)
-                     for vehicle, place in zip(vehicles, moment.positions)]
-        late += max(distances) > 5.0
-        said |= {text.partition(' m ')[0].rpartition(' ')[0]
-                 for text in bench.tracking.status(DEFAULTS, now)[0]}
-    assert max(distances) < 1.1 and not bench.refused
+    bench, distances, texts = hand_over(begin, 3.0, 5.0, 3.0, has_reports=False)
     assert 1 <= len(bench.published) <= 12
-    assert 'uav1 is held' in said
-    assert late * Vehicle.step < 25.0
+    assert 'uav1 is held' in texts
+    assert (distances > 5.0).sum() * Vehicle.step < 25.0
+
+
+@pytest.mark.parametrize('duration, tolerance, back_s, away_s, largest', [
+    (1.5, 5.0, 1.0, 5.0, 9.0), (3.0, 0.0, 5.0, 13.0, 28.0), (3.0, 5.0, 13.0, 14.0, 44.0)])
+def test_a_uav_that_its_relay_stops_is_met_before_it_is_far_from_its_plan(
+        duration, tolerance, back_s, away_s, largest):
+    """
+    The relay tells of a handover at once, and when the vehicle flies again.
+
+    Before, a UAV had to be farther from its plan than replan_deviation. A handover of 3 s then led
+    to 63 m, and to 17.6 s farther than 5 m with a start_tolerance of 5 m, 16.1 s with 0.
+
+    :param back_s: time from the handover until all vehicles are within 5 m.
+    :param away_s: time for which a vehicle is farther than 5 m, in all.
+    """
+    begin = 15.7
+    bench, distances, texts = hand_over(begin, duration, tolerance, 4.0, has_reports=True)
+    assert any('the relay of uav1, /relay, sends nothing' in text for text in texts)
+    assert begin + 2.0 <= bench.published[0][1] <= begin + 5.0
+    back = distances[math.ceil((begin + duration) / Vehicle.step):]
+    assert (back < 5.0).argmax() * Vehicle.step < back_s
+    assert (distances > 5.0).sum() * Vehicle.step < away_s
+    assert distances.max() < largest

@@ -13,6 +13,7 @@ REPORT_PERIOD = 0.2
 """Time in s between two reports of a relay."""
 
 _LOST_AFTER_S = 1.0  # A relay that has not reported for so long counts as lost.
+_PASSING_HOLD_S = 0.5  # A shorter hold does not stop a vehicle: a busy machine delays setpoints.
 
 _TEXTS = {
     'passing': 'passes setpoints on',
@@ -48,6 +49,11 @@ class RelayState(NamedTuple):
     def holds_back(self) -> bool:
         """Whether setpoints come that the vehicle does not get."""
         return self.name in ('holding', 'refused', 'disabled')
+
+    @property
+    def stops_vehicle(self) -> bool:
+        """Whether setpoints are held back for so long that the vehicle brakes to rest."""
+        return self.holds_back and (self.name != 'holding' or self.duration >= _PASSING_HOLD_S)
 
     @property
     def text(self) -> str:

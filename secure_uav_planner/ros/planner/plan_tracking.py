@@ -5,7 +5,7 @@ Only the reports of a follower on `plan_time` say that a plan is flown.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import math
 from typing import Any
 
@@ -22,7 +22,8 @@ from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.playback import Playback
 from ...plan.tracking import (
-    AchievedRates, deviation, FollowerReports, MeasuredState, PUNCTUAL, SILENCE, Watch)
+    AchievedRates, deviation, FollowerReports, MeasuredState, predict_stop, PUNCTUAL,
+    SILENCE, Watch)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _SAME_TIME = 0.01  # s
@@ -236,9 +237,15 @@ class PlanTracking:
 
     def _is_held(self, name: str, index: int, flight: Flight) -> bool:
         """Return True if a UAV is kept from its plan, by its relay or by how it moves."""
+        return self._is_stopped(name) or self._watches[name].is_held(flight.playback, index)
+
+    def _is_stopped(self, name: str) -> bool:
         relay = self.relays.state(name)
-        return relay is not None and relay.holds_back or self._watches[name].is_held(
-            flight.playback, index)
+        return relay is not None and relay.stops_vehicle
+
+    def find_stopped(self, names: Iterable[str]) -> frozenset[str]:
+        """Return the names of the UAVs that their relays stop."""
+        return frozenset(filter(self._is_stopped, names))
 
     def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                  ) -> dict[str, Array]:
@@ -255,6 +262,25 @@ class PlanTracking:
         """Return the distance of each UAV from its plan in m, by name, where it is known."""
         return {name: math.hypot(*offset)
                 for name, offset in self._offsets(self.flight(now), settings, now).items()}
+
+    def predict_distances(self, settings: Mapping[str, Any], now: float, ahead: float
+                          ) -> dict[str, float]:
+        """
+        Return the distance of each UAV from its plan in m, by name, where it is known.
+
+        The distance is the present one. For a UAV that its relay stops, it is the one after
+        `ahead` s, when the UAV has braked and its plan has gone on.
+        """
+        flight, distances = self.flight(now), self.distances(settings, now)
+        for index, name in enumerate(settings['uavs']):
+            if name in distances and self._is_stopped(name):
+                state, time = self._state(name, flight, settings, now), (
+                    flight.time + flight.rate * ahead)
+                (place,), _ = predict_stop(
+                    state, [time], flight.playback.plan.scenario.uavs[index].max_acceleration)
+                distances[name] = math.hypot(*deviation(
+                    flight.playback, index, MeasuredState(time, tuple(place.tolist()))))
+        return distances
 
     def observe(self, settings: Mapping[str, Any], now: float) -> None:
         """Add the present positions of the UAVs to the achieved rate, and watch their motion."""

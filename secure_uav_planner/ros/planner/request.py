@@ -295,6 +295,7 @@ class Replanning:
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
         self._last_planned = -math.inf
+        self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
         self._has_failed = False  # The last replan that was due, not only useful.
         self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
 
@@ -302,7 +303,8 @@ class Replanning:
         """
         Return the reason to plan the rest of the mission again, or an empty string.
 
-        It is 'period', 'promise' at its end, 'receivers' that have moved, or 'deviation'.
+        It is 'period', 'promise' at its end, 'receivers' that have moved, 'deviation', or
+        'release' of a UAV that was to be met where its relay had stopped it.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
@@ -332,10 +334,15 @@ class Replanning:
                     max(flight.time, self._counts_from), distance):
                 return 'receivers'
         most = settings['replan_deviation']
-        # A UAV has the lead to come back.
-        if most and flight.state == 'flying' and not is_recent and any(
-                distance > most and settings[f'{name}.use_pose']
-                for name, distance in self._tracking.distances(settings, now).items()):
+        if not most or flight.state != 'flying':
+            return ''
+        stopped = self._tracking.find_stopped(settings['uavs'])
+        if self._stopped - stopped:
+            return 'release'
+        # A UAV has the lead to come back, unless its relay has stopped it since.
+        if not (is_recent and self._stopped == stopped) and any(
+                distance > most and settings[f'{name}.use_pose'] for name, distance in
+                self._tracking.predict_distances(settings, now, lead).items()):
             return 'deviation'
         return ''
 
@@ -349,6 +356,7 @@ class Replanning:
         assert flight is not None
         updated, receivers = self._update(flight, settings, now)
         self._last_planned = now
+        self._stopped = self._tracking.find_stopped(settings['uavs'])
         return Remainder(
             flight, now, self._first_point(flight, settings),
             self._tracking.states(flight, settings, now), updated, receivers,
