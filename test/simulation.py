@@ -80,6 +80,10 @@ class Simulation(SimulatedTime):
             DiagnosticArray, '/diagnostics',
             lambda message: self._received.extend(message.status), 10)
 
+    def forget_solve(self):
+        """Go on though the planner has ended during a solve."""
+        self._received.clear()
+
     def _go_on(self):
         if not self._received or PlannerStatus.from_message(
                 self._received[-1]).state == 'idle':

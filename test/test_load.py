@@ -1,13 +1,23 @@
-"""Poses at 200 Hz on each topic: the planner answers, and its memory does not grow."""
+"""Poses at 200 Hz on each topic, and plans that arrive in flight beside busy loops."""
 
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
+from dataclasses import replace
+import os
+import subprocess
+import sys
 import threading
 import time
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
+import numpy as np
 import pytest
-from ros_client import Client, memory_settles, node_process, pose_message, wait_for
+from ros_client import Client, memory_settles, node_process, pose_message, seconds, wait_for
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.topics import LATCHED
+from std_msgs.msg import String
+from strategies import with_uavs
 
 RATE = 200.0  # Hz
 POSES = {'ground_node/pose': (0.0, 0.0), 'eavesdropper/pose': (200.0, 0.0),
@@ -89,3 +99,35 @@ def test_memory_does_not_grow_under_load():
     times = len(sizes) - 1
     print(f'\n{plans * times} plans, {4 * sent[0]} poses: {sizes[0]:.1f} MB after the first '
           f'plan, {sizes[-1]:.1f} MB at the end')
+
+
+@pytest.mark.soak
+def test_plans_that_arrive_in_flight_beside_busy_loops_leave_no_gap_in_the_stream(client):
+    """Set BUSY_LOOPS and PLANS to their numbers, and SLOTS to the length of each plan."""
+    loops, count, slots = (int(os.environ.get(name, default)) for name, default in (
+        ('BUSY_LOOPS', 4), ('PLANS', 20), ('SLOTS', 2000)))
+    plan = fly_hover_fly(with_uavs(Scenario.paper(200.0, slots=slots), max_acceleration=2.0))
+    with ExitStack() as stack, node_process('replay', rate=30.0) as replay:
+        places = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
+        client.listen(PoseStamped, 'uav2/setpoint/pose', 10000)
+        publisher = client.publisher(String, 'plan', LATCHED)
+        for _ in range(loops):
+            loop = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+            stack.callback(loop.wait)
+            stack.callback(loop.kill)
+        plan = replace(plan, start_ns=time.time_ns())
+        publisher.publish(messages.plan_text(plan, 'map'))
+        assert client.call('replay/start').success
+        wait_for(lambda: places, what='the flight')
+        for number in range(count):
+            changed = replace(plan, powers=plan.powers * (1 - 0.01 * (number + 1)))
+            publisher.publish(messages.plan_text(changed, 'map'))
+            wait_for(lambda: any(changed.identity in line for line in list(replay.lines)),
+                     what=f'plan {number}')
+            time.sleep(1.0)
+    gaps = np.diff([seconds(place.header.stamp) for place in places])
+    print(f'{count} plans of {slots} slots beside {loops} busy loops, {len(places)} setpoints: '
+          f'largest gap {gaps.max():.3f} s, 99.9% {np.quantile(gaps, 0.999):.3f} s, median '
+          f'{np.median(gaps):.3f} s')
+    assert not any('is not played' in line for line in replay.lines)
+    assert gaps.min() > 0.0 and len(places) > 20 * count

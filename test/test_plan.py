@@ -265,13 +265,21 @@ def gap_plan():
 
 
 def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
+    """
+    Before, slot 4 counted 7.60 bit/s/Hz while the receiver got 8.67 of 10.77.
+
+    The means then were 2.9507 and 2.9898 bit/s/Hz over 10 slots; over the 8 promised slots they
+    are 2.0434 and 2.0846.
+    """
     first, plan = gap_plan()
     assert plan.promised_slots.tolist() == [True, True, False, False, *[True] * 6]
     assert (plan.promise.text, plan.promise.gaps) == ('8 of 10 slots promised', [(30.0, 50.0)])
     assert plan.gaps == ((20.0, 50.0),)
     # In slot 4 the receiver gets more than the disc of the first plan allows.
     truth = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, (60.0, 150.0))
-    assert truth[3] < plan.worst_case_rates[3] - 0.1
+    assert truth[3] < plan.worst_case_rates[3] - 5.0
+    assert plan.promise.guaranteed_rate < plan.guaranteed_rate - 0.5
+    assert plan.promise.worst_case_rate < plan.worst_case_rate - 0.5
     for mean, rates in ((plan.promise.guaranteed_rate, plan.guaranteed_rates),
                         (plan.promise.worst_case_rate, plan.worst_case_rates),
                         (plan.promise.curve_rate, plan.curve_rates),

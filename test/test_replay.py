@@ -313,3 +313,14 @@ def test_a_slot_that_is_not_promised_is_told_and_muted_if_that_is_asked_for(
     signs = ''.join('01'[int(value > 0)] for value in flown)
     longest = max(map(len, signs.split('1')))  # Setpoints without power.
     assert (longest > 50) == (mutes == 'true') or not flown.any()
+
+
+@pytest.mark.parametrize('promised_until, is_told', [(None, False), (104.0, True)])
+def test_a_late_start_ends_a_promise_only_where_receivers_move(
+        client, poses, plan, file, promised_until, is_told):
+    """Before, it was told of every plan that was made by ~/plan and started by ~/start."""
+    replace(plan, promised_until=promised_until, start_ns=time.time_ns() - 10**9).save(file)
+    with node_here('replay', plan_file=file):
+        answer = client.call('replay/start')
+    assert answer.success and (' late, so the rates are no longer guaranteed' in answer.message
+                               ) == is_told, answer.message

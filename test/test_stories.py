@@ -312,7 +312,8 @@ def test_in_random_stories_no_setpoint_jumps_and_no_plan_is_lost_without_a_word(
             story = Story(client, stack, rng, target)
 
             def check():
-                assert not (found := [*story.findings()]), (seed, said, found[:5])
+                found = [*story.findings()]
+                assert not found, f'story {seed}, {said}: {found[:5]}'
             try:
                 story.fly()
                 for _ in range(ACTIONS):

@@ -76,6 +76,17 @@ def test_odometry_is_predicted_to_the_horizon_with_a_disc_that_grows(
         predicted.notes)
 
 
+def test_that_a_receiver_is_faster_than_its_max_speed_is_told_once(client):
+    """Before, it was told whenever its estimate went above that speed again."""
+    with node_here('planner', duration=120.0, slots=20, method='joint', time_limit=1.0,
+                   eavesdropper__max_speed=8.0) as planner:
+        client.send_pose('ground_node/pose', 0, 0)
+        for speed in (8.2, 7.8, 8.4):
+            client.send_odometry('eavesdropper/odom', 200.0, 0.0, (0.0, speed))
+            assert client.call('planner/plan').success
+    assert sum('max_speed is 8 m/s' in line for line in planner.lines) == 1
+
+
 def test_a_pose_stands_unless_a_largest_speed_lets_its_disc_grow():
     for speed, track in ((0.0, None),
                          (0.5, ((-8.0, 200.0, 0.0, 10.0), (121.0, 200.0, 0.0, 74.5)))):
