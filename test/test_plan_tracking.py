@@ -12,11 +12,13 @@ from rclpy.time import Time as RosTime
 from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.errors import LateError, SupersededError, TimeLimitError
+from secure_uav_planner.plan.flight import Flight
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.tracking import PUNCTUAL
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
-from secure_uav_planner.ros.planner.scenarios import make_request, StartTime
+from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.status import (
     level_and_text, plan_status, RequestOutcome, State)
 from secure_uav_planner.ros.planner_status import TrackStatus
@@ -359,6 +361,33 @@ def test_the_slots_that_a_late_flight_flies_are_not_in_the_numbers_of_its_plan()
     assert tracking.check_promise(10**9 + 34.0) is None  # It has ended for good.
     text, = tracking.status(DEFAULTS, 10**9 + 34.0)[0]
     assert 'ended at 20.0 s: the flight is 0.9 s later than the receivers' in text
+
+
+@given(st.floats(5.0, 100.0), st.floats(0.05, 4.0), st.floats(0.1, 1.5))
+def test_a_planner_ends_a_promise_in_the_slot_in_which_its_follower_does(
+        pause, braking, period):
+    """
+    Before, a slot that the replay flew unpromised stayed in the numbers of its plan.
+
+    :param braking: time in s until the flight is held.
+    :param period: time in s between two checks of the planner.
+    """
+    plan = replace(fly_hover_fly(Scenario.paper(120.0, slots=120)), start_ns=10**18,
+                   promised_until=120.0)
+    followed, tracking, checked = plan, tracking_of(plan, now=10**9), 0.0
+    for clock in np.arange(0.0, pause + braking + 3.0, 0.04):
+        after = max(0.0, clock - pause)
+        time = min(clock, pause) + (after - after**2 / (2 * braking) if after < braking else
+                                    braking / 2)
+        report(tracking, plan, (10**9 + clock, time))
+        flight = Flight(Playback(followed), time, 1.0)
+        if abs(flight.lateness(10**9 + clock)) > PUNCTUAL:
+            followed = followed.end_promise(time)
+        if clock - checked > period:
+            checked = clock
+            kept = tracking.check_promise(10**9 + clock) or tracking.flight(
+                10**9 + clock).playback.plan
+    assert kept.promised_slots.tolist() == followed.promised_slots.tolist()
 
 
 def test_a_plan_without_a_promised_slot_is_told_with_warn():

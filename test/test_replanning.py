@@ -17,7 +17,7 @@ from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
-from secure_uav_planner.ros.planner.scenarios import Replanning
+from secure_uav_planner.ros.planner.request import Replanning
 from secure_uav_planner.ros.relay.guard import Guard, Limits, Stream
 from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
 from secure_uav_planner.ros.settings import objective_from

@@ -18,7 +18,7 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.plan.tracking import PlanClock
 from secure_uav_planner.ros.planner.poses import error_radius, PoseBook
 from secure_uav_planner.ros.planner.receivers import predict_receivers
-from secure_uav_planner.ros.planner.scenarios import make_request, StartTime
+from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.solver import Job
 from simulation import Simulation
 

@@ -8,6 +8,7 @@ relay, a pilot or its autopilot brakes and stands instead.
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -54,6 +55,7 @@ class FollowerReports:
         self.follower, self.identity, self._first_rate = follower, identity, rate
         self._pairs: deque[tuple[int, int]] = deque(  # Times of the clock and the plan [ns].
             earlier._pairs if earlier else ())
+        self._begin_ns: int | None = None  # Time of the first report about this plan.
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
         """Add a report: the time of the plan at a time of the clock, both in ns."""
@@ -62,6 +64,8 @@ class FollowerReports:
         elif self._pairs and clock_ns == self.last_ns:
             self._pairs.pop()  # The clock stands still, as simulated time may.
         self._pairs.append((clock_ns, plan_ns))
+        if self._begin_ns is None or clock_ns < self._begin_ns:
+            self._begin_ns = clock_ns
         while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
             self._pairs.popleft()
 
@@ -79,6 +83,20 @@ class FollowerReports:
     def plan_ns(self) -> int:
         """Time of the plan in the last report in ns."""
         return self._pairs[-1][1]
+
+    def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
+        """
+        Return the time of this plan in ns at the first of the last reports that have departed.
+
+        :param has_departed: tells for the times of the clock and of the plan in ns whether the
+            flight has departed from its schedule.
+        """
+        departure = self.plan_ns
+        for clock_ns, plan_ns in reversed(self._pairs):
+            if clock_ns < (self._begin_ns or 0) or not has_departed(clock_ns, plan_ns):
+                break
+            departure = plan_ns
+        return departure
 
     def is_current(self, clock_ns: int) -> bool:
         """Return True if a report arrived within SILENCE before a time of the clock [ns]."""

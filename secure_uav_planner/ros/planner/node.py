@@ -23,7 +23,7 @@ from sensor_msgs.msg import TimeReference
 from .frames import Frames, Message
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
-from .scenarios import (
+from .request import (
     explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
 from .solver import Job, Result, SolverThread
 from .status import (

@@ -116,11 +116,15 @@ class PlanTracking:
 
     # The promise
 
-    def _lateness(self, flight: Flight) -> float:
-        """Return the lateness of a flight at its last report in s."""
+    def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
+        """
+        Return the lateness of a flight in s.
+
+        :param times_ns: times of the clock and of the plan in a report; by default the last one.
+        """
+        clock_ns, plan_ns = times_ns or (self._reports.last_ns, self._reports.plan_ns)
         start_ns = flight.playback.plan.start_ns
-        return flight._replace(time=(self._reports.plan_ns - start_ns) * 1e-9).lateness(
-            self._reports.last_ns * 1e-9)
+        return flight._replace(time=(plan_ns - start_ns) * 1e-9).lateness(clock_ns * 1e-9)
 
     def check_promise(self, now: float) -> Plan | None:
         """End the promise to a flight that is late; return its plan with the promise that ends."""
@@ -130,7 +134,13 @@ class PlanTracking:
         plan = flight.playback.plan
         if plan.promised_until is None or abs(self._lateness(flight)) <= PUNCTUAL:
             return None
-        ended = plan.end_promise(flight.time)
+        time = flight.time
+        if self._reports.identity == plan.identity:
+            # Its follower has ended the promise then.
+            left_ns = self._reports.find_departure(
+                lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
+            time = (left_ns - plan.start_ns) * 1e-9
+        ended = plan.end_promise(time)
         if ended is plan:
             return None
         self._plans[plan.identity] = Playback(ended)
