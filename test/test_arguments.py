@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 import re
 
-from flight_logs import fly, write_csv
 import pytest
 from secure_uav_planner import (
     assess, Assessment, Bound, Channel, compare, Comparison, FlownFlight, fly_hover_fly, Iteration,
@@ -16,6 +15,7 @@ from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission.fields import REQUIRED
 from secure_uav_planner.plan.playback import Moment, Playback
 from secure_uav_planner.plan.splice import cut_tail
+from studies.flown.logs import fly, write_csv
 
 API = (Path(__file__).parents[1] / 'docs' / 'api.rst').read_text()
 HIDDEN = set(re.findall(r'\w+', ' '.join(re.findall('exclude-members: (.+)', API))))

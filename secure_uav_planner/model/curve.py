@@ -8,14 +8,14 @@ start half a slot before point 0 and reaches its goal half a slot after point N+
 limit, it flies straight from point to point.
 """
 
+from collections.abc import Callable, Sequence
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .channel import guaranteed_node_rates
-from ..mission.scenario import Array, Scenario
+from ..mission.scenario import Array, Scenario, Uav
 
 _STANDING = 1e-3  # Share of the largest speed below which a heading is numerical noise.
 
@@ -145,14 +145,23 @@ def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, A
     return points[:, node] + slope * by + bend * (by**2 / 2 + 0.125), slope + bend * by, bend
 
 
-def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
-    """Return each node's means of R-bar in each slot along a curve, (G, N) in bit/s/Hz."""
-    rates = np.zeros((len(scenario.ground_nodes), scenario.slots))
-    for place, weight in GAUSS_LEGENDRE:
-        times = np.asarray(
-            (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration, float)
-        positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
-        rates += weight * guaranteed_node_rates(scenario, positions, powers, times=times)
+def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
+                    state_at: Callable[[Array], tuple[Array, Array]],
+                    slots: ArrayLike | None = None) -> Array:
+    """
+    Return each node's means of rates over slots in continuous time, (G, M) in bit/s/Hz.
+
+    :param find_rates: rates of the nodes, such as channel.guaranteed_node_rates.
+    :param state_at: positions (U, M, 2) in m and powers (U, M) in W at times (M,) in s.
+    :param slots: indices from 0 of M slots, by default all.
+    """
+    slots = np.arange(scenario.slots) if slots is None else np.asarray(slots)
+    rates = np.zeros((len(scenario.ground_nodes), len(slots)))
+    for place, weight in GAUSS_LEGENDRE if len(slots) else ():
+        times = np.asarray((slots + 1.5 + place) * scenario.slot_duration, float)
+        positions, powers = state_at(times)
+        rates += weight * find_rates(
+            scenario, np.pad(positions, ((0, 0), (1, 1), (0, 0))), powers, times=times)
     return rates
 
 
@@ -163,12 +172,12 @@ def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, .
     Propulsion.power at the speed is integrated. Neither the power for changes of velocity nor the
     radio's is included.
     """
-    energies = integrate_powers(scenario, *curve.slot_velocities, scenario.slot_duration)
+    energies = integrate_powers(scenario.uavs, *curve.slot_velocities, scenario.slot_duration)
     return tuple(None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
                  for uav, (hovering, flying) in zip(scenario.uavs, energies.tolist(), strict=True))
 
 
-def integrate_powers(scenario: Scenario, before: Array, after: Array, step: float) -> Array:
+def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: float) -> Array:
     """
     Return the energies of UAVs, hovering and flying, (U, 2) in J.
 
@@ -181,8 +190,8 @@ def integrate_powers(scenario: Scenario, before: Array, after: Array, step: floa
     :param step: length of a slot in s.
     :return: 0 for a UAV without a propulsion.
     """
-    energies = np.zeros((len(scenario.uavs), 2))
-    for index, uav in enumerate(scenario.uavs):
+    energies = np.zeros((len(uavs), 2))
+    for index, uav in enumerate(uavs):
         if uav.propulsion is None:
             continue
         change = after[index] - before[index]

@@ -45,7 +45,7 @@ def _draw_ways(axes: Any, comparison: Any, extent: Any) -> None:
     flight, plan = comparison.flight, comparison.plan
     set_up_map(axes, extent)
     draw_ground(axes, plan.scenario)
-    planned = plan.curve.at(flight.times).positions
+    planned = flight.course.at(flight.times).positions
     for index, name in enumerate(comparison.uavs):
         color = uav_color(index)
         axes.plot(*planned[index].T, color=color, linewidth=0.8, linestyle='--')

@@ -12,13 +12,15 @@ _UAV_ROWS = (
     ('error, largest', 'm', 'error_max_m', 2), ('  at', 's', 'error_max_time_s', 1),
     ('distance from the way, RMS', 'm', 'cross_track_rms_m', 2),
     ('  95% below', 'm', 'cross_track_95_m', 2), ('  largest', 'm', 'cross_track_max_m', 2),
+    ('  at', 's', 'cross_track_max_time_s', 1),
+    ('  mean, to the left', 'm', 'cross_track_mean_m', 2),
     ('height error, largest', 'm', 'height_error_max_m', 2),
     ('speed, largest', 'm/s', 'speed_max_m_s', 2),
     ('acceleration, largest', 'm/s^2', 'acceleration_max_m_s2', 2),
     ('gap of the log, longest', 's', 'gap_max_s', 1),
     ('setpoints from the plan, RMS', 'm', 'setpoint_error_rms_m', 2),
     ('energy by the model', 'J', 'energy_j', 0), ('  planned', 'J', 'planned_energy_j', 0),
-    ('energy from the battery', 'J', 'battery_j', 0))
+    ('energy from the battery', 'Wh', 'battery_wh', 1), ('  by the model', '', 'battery_factor', 2))
 
 
 def comparison_table(comparison: Any) -> str:
@@ -76,7 +78,7 @@ def _describe_rates(comparison: Any) -> str:
     text = align((10, 12, 12), rows, 40)
     broken, shortfalls = np.flatnonzero(comparison.broken), comparison.shortfalls
     text += (f'\n\n{comparison.coverage:.0%} of {plan.scenario.slots} slots covered, '
-             f'{plan.promised_slots.sum()} promised, {len(broken)} of these broken')
+             f'{comparison.promised.sum()} promised, {len(broken)} of these broken')
     if len(broken):
         worst = broken[np.argmax(shortfalls[broken])]
         numbers = ', '.join(str(slot + 1) for slot in broken[:10])

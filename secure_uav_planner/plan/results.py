@@ -17,7 +17,7 @@ from ..mission.scenario import Array, read_only, Scenario
 from ..model import channel
 from ..model.channel.links import make_link
 from ..model.channel.rates import find_least_rate
-from ..model.curve import Curve, mean_guaranteed_rates
+from ..model.curve import Curve, mean_node_rates
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -183,8 +183,9 @@ class RatedFlight(Checked):
     @cached_property
     def curve_shares(self) -> Array:
         """Mean guaranteed rate along the curve of each ground node times its fraction, (G, N)."""
-        return read_only(self.shares * _positive_part(
-            mean_guaranteed_rates(self.scenario, self.curve, self.powers)))
+        return read_only(self.shares * _positive_part(mean_node_rates(
+            self.scenario, channel.guaranteed_node_rates,
+            lambda times: (self.curve.at(times).positions, self.powers))))
 
     @property
     def curve_rate(self) -> float:

@@ -31,6 +31,9 @@ PUNCTUAL = 0.1
 SILENCE = 1.0
 """Time [s] without a report of the follower after which the time of the plan stands still."""
 
+LONGEST_GAP = 2.0
+"""Largest time [s] between two positions of a flight that counts as measured in between."""
+
 _MEMORY = 10.0  # Time [s] for which reports are kept, because odometry may arrive late.
 _STEADY = 0.03  # Largest change within half a second of a playback speed that is constant.
 _STEP = 0.05  # Time step [s] of the prediction.
@@ -38,7 +41,6 @@ _MOST_STEPS = 20000  # Largest number of steps of a prediction.
 _WATCHED_S = 2.0  # Duration [s] of the motion by which a UAV is judged to be held or not.
 _LEAST_WATCHED_S = 0.5  # Shortest motion [s] by which a UAV is judged to be held.
 _DISTINCT_M = 1.0  # Distance [m] by which a held UAV is nearer to standing than to returning.
-_LONGEST_GAP = 2.0  # Largest time [s] between two samples that AchievedRates averages over.
 
 
 class FollowerReports:
@@ -369,7 +371,7 @@ class AchievedRates:
         last, self._last = self._last, time
         inside = scenario.slot_duration * np.array([1, scenario.slots + 1])
         self._flown = max(0.0, min(time, inside[1]) - inside[0])
-        if not 0 < time - last <= _LONGEST_GAP * max(1.0, rate):
+        if not 0 < time - last <= LONGEST_GAP * max(1.0, rate):
             return
         elapsed = min(time, inside[1]) - max(last, inside[0])
         if elapsed <= 0:

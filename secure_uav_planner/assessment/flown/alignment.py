@@ -1,4 +1,4 @@
-"""The time of the plan at a time of a log, and the frame of the plan."""
+"""The time of the plan at a time of a log."""
 
 from collections.abc import Sequence
 import math
@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from .course import Course
 from .log import VehicleLog
 from ...errors import LogFileError
 from ...mission import TimeSource
 from ...mission.scenario import Array
-from ...model.curve import Curve
-from ...plan.plan import Plan
 
 STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
@@ -20,8 +19,9 @@ STEP_S = 0.1
 _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
 _APART_S = 2.0  # Time within which two minima of a fit are taken as one.
 _ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below _ALIKE * RMS + _ALIKE_M.
-_MOVED_M = 2.0  # Distance from the first place at which a vehicle has left it.
 _REST_S, _REST_M = 2.0, 0.5  # A vehicle begins at rest if it moves less than _REST_M in _REST_S.
+_LEFT_M, _FAR_M = 2.0, 10.0  # A vehicle leaves when it is _LEFT_M away, on its way to _FAR_M.
+_LEFT_S = 0.2  # Standard deviation of the time of leaving.
 _INDEPENDENT_S = 1.0  # Errors of a flight are independent after this time.
 
 
@@ -29,8 +29,9 @@ class Shift(NamedTuple):
     """
     The time of the plan at a time of a log: plan = log - seconds.
 
-    :ivar seconds: time of the log less time of the plan, in s.
-    :ivar uncertainty: standard deviation of `seconds`, in s.
+    :ivar seconds: time of the log less time of the plan, in s; the median for plan_time.
+    :ivar uncertainty: standard deviation of `seconds`, in s; for plan_time the largest deviation,
+        which is the time of pauses.
     :ivar rms: RMS distance of the flight from the plan in m; NaN if the shift was not fitted.
     """
 
@@ -39,42 +40,69 @@ class Shift(NamedTuple):
     rms: float = math.nan
 
 
-def find_time_source(logs: Sequence[VehicleLog], plan: Plan) -> TimeSource:
+def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
     """Return the best source of the time that all logs have."""
     if all(log.plan_times is not None for log in logs):
         return 'plan_time'
-    if plan.start_ns is not None and all(log.utc_offset is not None for log in logs):
+    if course.last.start_ns is not None and all(log.utc_offset is not None for log in logs):
         return 'utc'
     return 'takeoff' if all(map(_begins_at_rest, logs)) else 'fit'
 
 
-def find_shift(logs: Sequence[VehicleLog], plan: Plan, uavs: Sequence[int],
-               source: TimeSource, is_moved: bool = False) -> Shift:
+def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
+               source: TimeSource, is_moved: bool) -> Shift:
     """
-    Return the shift of logs on one clock by a source of time other than plan_time.
+    Return the shift of logs on one clock by a source of time.
 
     :param uavs: index of the UAV of each log.
     :param is_moved: whether the frame of each log may lie anywhere.
     :raises LogFileError: where the source has no answer, or two.
     """
+    if source == 'plan_time':
+        return _find_reported_shift(logs[0])
     if source == 'utc':
-        offset = logs[0].utc_offset
-        if offset is None or plan.start_ns is None:
+        offset, start_ns = logs[0].utc_offset, course.last.start_ns
+        if offset is None or start_ns is None:
             what = 'the plan has no start' if offset is not None else 'the log has no UTC'
             raise LogFileError(f'{what}; give --at takeoff or --at fit')
-        return Shift(plan.start_ns * 1e-9 - offset, 0.0)
+        return Shift(start_ns * 1e-9 - offset, 0.0)
     if source == 'takeoff':
-        leaves = [(_find_departure(log.times, log.positions), _find_departure(*_sample(
-            plan.curve, uav))) for log, uav in zip(logs, uavs, strict=True)]
-        shifts = [log - planned for log, planned in leaves
-                  if log is not None and planned is not None]
-        if not shifts:
-            raise LogFileError('no vehicle leaves a place; give --at fit')
-        return Shift(float(np.median(shifts)), float(np.ptp(shifts)) / 2 + STEP_S)
-    return fit_shift(logs, plan.curve, uavs, is_moved)
+        return _find_takeoff_shift(logs, course, uavs)
+    return fit_shift(logs, course, uavs, is_moved)
 
 
-def fit_shift(logs: Sequence[VehicleLog], curve: Curve, uavs: Sequence[int],
+def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) -> Array:
+    """Return the log's time in s at times of the plan (K,); NaN where nothing reports it."""
+    if source != 'plan_time':
+        return times + shift.seconds
+    assert log.plan_times is not None
+    clock, plan = log.plan_times
+    return np.interp(times, plan, clock, left=np.nan, right=np.nan)
+
+
+def _find_reported_shift(log: VehicleLog) -> Shift:
+    if log.plan_times is None:
+        raise LogFileError('it has no plan_time of this plan')
+    delays = np.subtract(*log.plan_times)
+    median = float(np.median(delays))
+    return Shift(median, float(np.abs(delays - median).max()))
+
+
+def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
+    times = _sample_times(course)
+    planned = course.at(times).positions
+    shifts = []
+    for log, uav in zip(logs, uavs, strict=True):
+        in_log = _find_departure(log.times, log.positions[:, :2])
+        in_plan = _find_departure(times, planned[uav])
+        if in_log is not None and in_plan is not None:
+            shifts.append(in_log - in_plan)
+    if not shifts:
+        raise LogFileError('no vehicle leaves a place; give --at fit')
+    return Shift(float(np.median(shifts)), max(float(np.ptp(shifts)) / 2, _LEFT_S))
+
+
+def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
               is_moved: bool = False) -> Shift:
     """
     Return the shift with the least mean squared distance of logs from a plan.
@@ -85,52 +113,84 @@ def fit_shift(logs: Sequence[VehicleLog], curve: Curve, uavs: Sequence[int],
     first = min(log.times[0] for log in logs)
     count = math.ceil((max(log.times[-1] for log in logs) - first) / STEP_S) + 1
     clock = first + STEP_S * np.arange(count)
-    planned, _ = _sample(curve, 0)
-    squares, weights, products = np.zeros(1), np.zeros(1), 0
-    for log, uav in zip(logs, uavs, strict=True):
-        inside = ((clock >= log.times[0]) & (clock <= log.times[-1])).astype(float)
-        flown = np.stack([np.interp(clock, log.times, column)
-                          for column in log.positions.T[:2]]) * inside
-        path = _sample(curve, uav)[1].T
-        centre = path.mean(axis=1, keepdims=True)
-        flown, path = (flown - centre * inside), path - centre
-        ones = np.ones(path.shape[1])
-        number = _correlate(inside, ones)
-        sums = np.stack([_correlate(row, ones) - _correlate(inside, target)
-                         for row, target in zip(flown, path)])
-        square = _correlate((flown**2).sum(axis=0), ones) + _correlate(
-            inside, (path**2).sum(axis=0))
-        cross = sum(_correlate(row, target) for row, target in zip(flown, path))
-        squares = squares + square - 2 * cross
-        if is_moved:
-            squares = squares - (sums**2).sum(axis=0) / np.maximum(number, 1.0)
-        weights = weights + number
-        products = products + len(ones)
-    lags = STEP_S * (np.arange(len(weights)) - (len(planned) - 1)) + first - planned[0]
-    means = np.where(weights >= _LEAST_OVERLAP * products,
-                     np.maximum(squares, 0.0) / np.maximum(weights, 1.0), np.inf)
+    lags, means, weights = _measure_lags(
+        [log.positions_at(clock)[:, :2] for log in logs], course, uavs, is_moved)
+    planned = len(logs) * len(_sample_times(course))
+    means[weights < _LEAST_OVERLAP * planned] = np.inf
     best = int(np.argmin(means))
     if not math.isfinite(means[best]):
         raise LogFileError(f'the log covers less than {_LEAST_OVERLAP:.0%} of the plan')
-    rms = math.sqrt(means[best])
-    others = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
-    is_minimum = np.r_[True, others[1:] <= others[:-1]] & np.r_[others[:-1] <= others[1:], True]
-    others[~is_minimum] = np.inf
-    second = int(np.argmin(others))
-    if math.sqrt(others[second]) < _ALIKE * rms + _ALIKE_M:
+    lags += first
+    rms, seconds = math.sqrt(means[best]), _refine_lag(lags, means, best)
+    apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
+    is_minimum = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] <= apart[1:], True]
+    apart[~is_minimum] = np.inf
+    second = int(np.argmin(apart))
+    if math.sqrt(apart[second]) < _ALIKE * rms + _ALIKE_M:
         raise LogFileError(
             f'two times fit alike: shifts of {lags[best]:.1f} s ({rms:.2f} m) and '
-            f'{lags[second]:.1f} s ({math.sqrt(others[second]):.2f} m); give --at utc, or cut the '
+            f'{lags[second]:.1f} s ({math.sqrt(apart[second]):.2f} m); give --at utc, or cut the '
             'log to one flight')
-    seconds = float(lags[best])
-    if 0 < best < len(means) - 1 and np.isfinite(means[[best - 1, best + 1]]).all():
-        before, here, after = means[best - 1:best + 2]
-        bend = before - 2 * here + after
-        seconds += STEP_S * float((before - after) / (2 * bend)) if bend > 0 else 0.0
-        slope = math.sqrt(max(bend, 0.0) / 2) / STEP_S  # RMS speed in m/s.
-        independent = max(1.0, float(weights[best]) * STEP_S / _INDEPENDENT_S)
-        return Shift(seconds, rms / max(slope * math.sqrt(independent), 1e-9), rms)
-    return Shift(seconds, STEP_S, rms)
+    # The mean square rises by (speed * delay)^2 away from its minimum.
+    rise = max(float(np.diff(means[max(best - 1, 0):best + 2], 2).sum()), 0.0) / 2
+    independent = max(1.0, float(weights[best]) * STEP_S / _INDEPENDENT_S)
+    if not math.isfinite(rise) or rise == 0.0:
+        return Shift(seconds, STEP_S, rms)
+    return Shift(seconds, rms * STEP_S / math.sqrt(rise * independent), rms)
+
+
+def find_delay(positions: Array, course: Course, uav: int) -> float:
+    """
+    Return the time in s by which a UAV is behind its course; NaN for a UAV that stays in place.
+
+    :param positions: (K, 2) in m at the times of the course in steps of STEP_S; NaN in gaps.
+    """
+    planned = course.at(_sample_times(course)).positions[uav]
+    if np.ptp(planned, axis=0).max() < _LEFT_M or not np.isfinite(positions).any():
+        return math.nan
+    lags, means, weights = _measure_lags([positions], course, [uav], False)
+    means[weights < _LEAST_OVERLAP * weights.max()] = np.inf
+    return _refine_lag(lags, means, int(np.argmin(means))) + course.begin
+
+
+def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], is_moved: bool
+                  ) -> tuple[Array, Array, Array]:
+    """
+    Measure how far tracks are from their course at each lag.
+
+    :param tracks: positions (K, 2) in m in steps of STEP_S; NaN in gaps.
+    :return: lags (L,) in s of the first sample behind the time of the plan, mean squared distances
+        (L,) in m^2, and numbers of samples compared (L,).
+    """
+    times = _sample_times(course)
+    planned = course.at(times).positions
+    squares, weights = np.zeros(1), np.zeros(1)
+    for track, uav in zip(tracks, uavs, strict=True):
+        path = planned[uav].T
+        centre = path.mean(axis=1, keepdims=True)
+        inside = np.isfinite(track[:, 0]).astype(float)
+        middle = np.nanmean(track, axis=0)[:, None] if is_moved else centre
+        flown, path = np.where(inside, track.T - middle, 0.0), path - centre
+        ones = np.ones(len(times))
+        number = _correlate(inside, ones)
+        squares = squares + _correlate((flown**2).sum(axis=0), ones) + _correlate(
+            inside, (path**2).sum(axis=0)) - 2 * sum(map(_correlate, flown, path))
+        if is_moved:
+            sums = np.stack([_correlate(row, ones) - _correlate(inside, target)
+                             for row, target in zip(flown, path)])
+            squares = squares - (sums**2).sum(axis=0) / np.maximum(number, 1.0)
+        weights = weights + number
+    lags = STEP_S * (np.arange(len(weights)) - (len(times) - 1)) - times[0]
+    return lags, np.maximum(squares, 0.0) / np.maximum(weights, 1.0), weights
+
+
+def _refine_lag(lags: Array, means: Array, best: int) -> float:
+    """Return the lag in s of the minimum of the parabola through the best lag's neighbours."""
+    if not 0 < best < len(means) - 1 or not np.isfinite(means[best - 1:best + 2]).all():
+        return float(lags[best])
+    before, here, after = means[best - 1:best + 2]
+    bend = before - 2 * here + after
+    return float(lags[best] + (STEP_S * (before - after) / (2 * bend) if bend > 0 else 0.0))
 
 
 def _correlate(values: Array, kernel: Array) -> Array:
@@ -138,10 +198,8 @@ def _correlate(values: Array, kernel: Array) -> Array:
     return np.asarray(scipy.signal.correlate(values, kernel, mode='full', method='fft'))
 
 
-def _sample(curve: Curve, uav: int) -> tuple[Array, Array]:
-    """Return times in s and positions (K, 2) in m of a UAV on its plan."""
-    times = np.arange(curve.begin, curve.end + STEP_S / 2, STEP_S)
-    return times, curve.at(times).positions[uav]
+def _sample_times(course: Course) -> Array:
+    return np.arange(course.begin, course.end + STEP_S / 2, STEP_S)
 
 
 def _begins_at_rest(log: VehicleLog) -> bool:
@@ -150,11 +208,10 @@ def _begins_at_rest(log: VehicleLog) -> bool:
 
 
 def _find_departure(times: Array, positions: Array) -> float | None:
-    """Return the time in s at which a vehicle has left its first place, or None if it stays."""
-    distances = np.linalg.norm(positions[:, :2] - positions[0, :2], axis=1)
-    index = int(np.argmax(distances > _MOVED_M))
-    if not index:
+    """Return the time in s at which a vehicle leaves its first place, or None if it stays."""
+    distances = np.linalg.norm(positions - positions[0], axis=1)
+    far = int(np.argmax(distances >= min(_FAR_M, distances.max())))
+    near = int(np.flatnonzero(distances[:far + 1] <= _LEFT_M)[-1])
+    if near == far:
         return None
-    near, far = distances[index - 1], distances[index]
-    share = (_MOVED_M - near) / (far - near)
-    return float(times[index - 1] + share * (times[index] - times[index - 1]))
+    return float(np.interp(_LEFT_M, distances[near:near + 2], times[near:near + 2]))

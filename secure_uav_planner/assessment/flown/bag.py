@@ -1,18 +1,31 @@
 """Bags of ROS 2 (a folder, .db3 or .mcap), read by rosbags; no ROS is needed."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .log import VehicleLog
-from ...errors import LogFileError
+from .course import Course
+from .log import Samples, VehicleLog
+from ...errors import LogFileError, PlanFileError
 from ...plan.file import parse_text
 from ...plan.plan import Plan
+from ...plan.tracking import PUNCTUAL
 
-_ODOMETRY = 'nav_msgs/msg/Odometry'
+_TYPES = {'odom': 'nav_msgs/msg/Odometry', 'power': 'std_msgs/msg/Float64',
+          'plan': 'std_msgs/msg/String', 'plan_time': 'sensor_msgs/msg/TimeReference'}
+_RESTART_NS = 10**9  # A plan whose time goes back by more is flown again.
+
+
+class Report(NamedTuple):
+    """A follower's report on plan_time: clock and time of the plan in ns, and its identity."""
+
+    clock_ns: int
+    plan_ns: int
+    identity: str
 
 
 @dataclass
@@ -20,82 +33,183 @@ class FlightBag:
     """
     What a bag says of a flight.
 
+    :ivar origin_ns: time 0 of the logs' clock, in ns of the clock in the headers.
     :ivar logs: the log of each UAV by name.
-    :ivar plans: the plans in the order in which they were published.
-    :ivar identities: identities of the plans that a follower reported, in order.
+    :ivar plans: the plans in the order in which they were published, with that time in ns.
+    :ivar reports: reports of followers in the order of their times.
     """
 
+    origin_ns: int
     logs: dict[str, VehicleLog]
-    plans: list[Plan] = field(default_factory=list)
-    identities: list[str] = field(default_factory=list)
+    plans: list[tuple[int, Plan]]
+    reports: list[Report]
+
+    def follow(self, plan: Plan) -> tuple[dict[str, VehicleLog], Course]:
+        """
+        Return logs with the time of a plan, and its course with all replans.
+
+        :raises LogFileError: for a bag without a flight of this plan.
+        """
+        plans = {item.identity: item for item in (plan, *(item for _, item in self.plans))}
+        published = [item.identity for _, item in self.plans]
+        reported = [report.identity for report in self.reports]
+        if (published or reported) and plan.identity not in {*published, *reported}:
+            raise LogFileError(f'it is a flight of the plan {[*published, *reported][-1]}; the '
+                               f'plan that was given is {plan.identity}')
+        revisions = {identity: item for identity, item in plans.items() if (
+            item.start_ns == plan.start_ns and item.scenario.times.shape
+            == plan.scenario.times.shape and (item.scenario.times == plan.scenario.times).all())}
+        start_ns = plan.start_ns or 0
+        if not self.reports:
+            times = [(item.identity, (time_ns - start_ns) * 1e-9) for time_ns, item in self.plans]
+            return self.logs, _make_course(
+                [pair for pair in times if pair[0] in revisions], revisions, plan)
+        flown = [report for report in self.reports if report.identity in revisions]
+        if not flown:
+            raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
+        notes = []
+        back = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
+        if len(back):
+            flown = flown[back[-1] + 1:]
+            notes.append(f'the plan was begun {len(back) + 1} times: the last flight counts')
+        notes += [f'the plan {identity} was flown, too: it is compared if it is given'
+                  for identity in dict.fromkeys(reported) if identity not in revisions]
+        for identity in revisions:
+            revisions[identity] = _end_promise(revisions[identity], flown)
+        course = _make_course([(report.identity, (report.plan_ns - start_ns) * 1e-9)
+                               for report in flown], revisions, plan)
+        plan_times = _find_plan_times(flown, self.origin_ns, start_ns)
+        return {name: replace(log, plan_times=plan_times, notes=(*log.notes, *notes))
+                for name, log in self.logs.items()}, course
 
 
-def read_bag(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> FlightBag:
+def _make_course(times: Iterable[tuple[str, float]], plans: dict[str, Plan], given: Plan
+                 ) -> Course:
+    """Return the course of plans by identity, with the times in s at which they were in force."""
+    changes: list[tuple[str, float]] = []
+    for identity, time in times:
+        if not changes or changes[-1][0] != identity:
+            changes.append((identity, time))
+    if not changes:
+        return Course((given,))
+    return Course(tuple(plans[identity] for identity, _ in changes),
+                  (-np.inf, *(time for _, time in changes[1:])))
+
+
+def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
+    """Return a plan whose promise ends where its flight is late for receivers that move."""
+    if plan.promised_until is None:
+        return plan
+    start_ns, curve = plan.start_ns or 0, plan.curve
+    for report in reports:
+        time = (report.plan_ns - start_ns) * 1e-9
+        due = plan.promise_speed * ((report.clock_ns - start_ns) * 1e-9 - plan.promise_delay)
+        is_waiting = time <= curve.begin + PUNCTUAL and due < time
+        if report.identity == plan.identity and time < curve.end - PUNCTUAL and (
+                abs(due - time) > PUNCTUAL and not is_waiting):
+            return plan.end_promise(max(time, 0.0))
+    return plan
+
+
+def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
+    """Return times in s of the clock and of the plan, of the last flight's increasing times."""
+    clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
+    advances = np.diff(plan_ns) > 0
+    # While the plan's time stands, only the first and the last report count.
+    kept = np.append(advances, False) | np.append(False, advances)
+    if not kept.any():
+        raise LogFileError('the time of its plan does not advance')
+    return (clock_ns[kept] - origin_ns) * 1e-9, (plan_ns[kept] - start_ns) * 1e-9
+
+
+def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
     """
-    Return the flight of UAVs in a bag with their topics `<uav>/odom`, in any namespace.
+    Return the flight of UAVs in a bag by their odometry, such as `<uav>/odom` in any namespace.
 
-    Where there are topics `plan`, `plan_time` and `<uav>/setpoint/power`, these are read, too.
+    Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, where there are any.
     """
     from rosbags.highlevel import AnyReader  # Here, since few need it.
     from rosbags.typesys import get_typestore, Stores
-    path = Path(path)
     states: dict[str, list[tuple[float, ...]]] = {uav: [] for uav in uavs}
-    powers: dict[str, list[tuple[float, float]]] = {uav: [] for uav in uavs}
-    reports: list[tuple[float, float]] = []
-    bag = FlightBag({})
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+    clocks: dict[str, list[tuple[int, int]]] = {uav: [] for uav in uavs}
+    powers: dict[str, list[tuple[int, float]]] = {uav: [] for uav in uavs}
+    plans, reports = list[tuple[int, Plan]](), list[Report]()
+    notes = []
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        roles = dict(_choose_topics(reader.connections, uavs))
         for connection, stamp, data in reader.messages(connections=[
-                connection for connection in reader.connections
-                if _find_role(connection.topic, connection.msgtype, uavs)]):
-            role, uav = _find_role(connection.topic, connection.msgtype, uavs) or ('', '')
+                item for item in reader.connections if item.topic in roles]):
+            role, uav = roles[connection.topic]
             message: Any = reader.deserialize(data, connection.msgtype)
             if role == 'odom':
-                states[uav].append((_seconds(message.header.stamp), *_list_state(message)))
+                clocks[uav].append((stamp, _nanoseconds(message.header.stamp) or stamp))
+                states[uav].append(_list_state(message))
             elif role == 'power':
-                powers[uav].append((stamp * 1e-9, float(message.data)))
-            elif role == 'plan':
-                bag.plans.append(parse_text(message.data, Plan)[0])
+                powers[uav].append((stamp, float(message.data)))
+            elif role == 'plan_time':
+                reports.append(Report(_nanoseconds(message.header.stamp),
+                                      _nanoseconds(message.time_ref),
+                                      message.source.partition(' ')[0]))
             else:
-                identity = message.source.partition(' ')[0]
-                if bag.identities[-1:] != [identity]:
-                    bag.identities.append(identity)
-                reports.append((_seconds(message.header.stamp), _seconds(message.time_ref)))
-    for uav, rows in states.items():
-        if not rows:
-            raise LogFileError(f'it has no odometry of {uav} (a topic {uav}/odom)')
-        table, plan_times = np.array(rows), None
-        if reports and bag.plans and bag.plans[-1].start_ns is not None:
-            clock, plan = np.array(reports).T
-            plan_times = clock, plan - bag.plans[-1].start_ns * 1e-9
-        bag.logs[uav] = VehicleLog(
-            table[:, 0], table[:, 1:4], table[:, 4:7], 0.0, plan_times=plan_times,
-            powers=tuple(np.array(powers[uav]).T) if powers[uav] else None)  # type: ignore
-    return bag
+                try:
+                    plans.append((stamp, parse_text(message.data, Plan)[0]))
+                except PlanFileError as error:
+                    notes.append(f'{connection.topic} has no plan: {error}')
+    flying = [uav for uav in uavs if states[uav]]
+    if not flying:
+        raise LogFileError(f'it has no odometry of {uavs[0]} (a topic {uavs[0]}/odom)')
+    stamps, headers = np.concatenate([np.array(clocks[uav]) for uav in flying]).T
+    order = np.argsort(stamps, kind='stable')
+    origin_ns, arrival_ns = int(headers.min()), int(stamps.min())
+
+    def to_clock(times_ns: Any) -> Any:
+        """Return times of the clock in the headers, which differs from the arrival if simulated."""
+        return np.interp(np.asarray(times_ns) - arrival_ns, stamps[order] - arrival_ns,
+                         headers[order] - origin_ns)
+
+    logs = {}
+    for uav in flying:
+        table = np.array(states[uav])
+        arrivals, watts = np.array(powers[uav]).reshape(-1, 2).T
+        logs[uav] = VehicleLog(
+            (np.array([header for _, header in clocks[uav]]) - origin_ns) * 1e-9, table[:, :3],
+            table[:, 3:], origin_ns * 1e-9, notes=tuple(notes),
+            powers=(to_clock([stamp for stamp, _ in powers[uav]]) * 1e-9, watts)
+            if powers[uav] else None)
+    return FlightBag(origin_ns, logs, [
+        (origin_ns + int(to_clock(stamp)), plan) for stamp, plan in plans], sorted(reports))
 
 
-def _find_role(topic: str, kind: str, uavs: tuple[str, ...]) -> tuple[str, str] | None:
-    """Return the role of a topic and its UAV, or None for topics that are not read."""
-    parts = topic.strip('/').split('/')
-    if kind == _ODOMETRY and parts[-1] == 'odom' and len(parts) > 1 and parts[-2] in uavs:
-        return 'odom', parts[-2]
-    if parts[-2:] == ['setpoint', 'power'] and len(parts) > 2 and parts[-3] in uavs:
-        return 'power', parts[-3]
-    if parts[-1] == 'plan' and kind == 'std_msgs/msg/String':
-        return 'plan', ''
-    if parts[-1] == 'plan_time' and kind == 'sensor_msgs/msg/TimeReference':
-        return 'plan_time', ''
-    return None
+def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
+                   ) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield topics, each with its role and its UAV; the best one of several odometries."""
+    kinds = {item.topic: item.msgtype for item in connections}
+    parts = {topic: topic.strip('/').split('/') for topic in kinds}
+    for role in ('plan', 'plan_time'):
+        for topic, kind in kinds.items():
+            if parts[topic][-1] == role and kind == _TYPES[role]:
+                yield topic, (role, '')
+    for uav in uavs:
+        odometry = [topic for topic, kind in kinds.items() if kind == _TYPES['odom']
+                    and (uav in parts[topic] or len(uavs) == 1)]
+        if odometry:
+            yield min(odometry, key=lambda topic: (
+                uav not in parts[topic], parts[topic][-2:] != [uav, 'odom'],
+                len(parts[topic]), topic)), ('odom', uav)
+        for topic, kind in kinds.items():
+            if kind == _TYPES['power'] and parts[topic][-3:] == [uav, 'setpoint', 'power']:
+                yield topic, ('power', uav)
 
 
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def _list_state(message: Any) -> tuple[float, ...]:
-    """Return position and velocity of odometry; its twist is in the frame of the vehicle."""
+    """Return x, y, z, and the velocity in x and y; the twist is in the vehicle's frame."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     twist = message.twist.twist.linear
     sine = 2 * (turn.w * turn.z + turn.x * turn.y)
     cosine = 1 - 2 * (turn.y**2 + turn.z**2)
     return (place.x, place.y, place.z, cosine * twist.x - sine * twist.y,
-            sine * twist.x + cosine * twist.y, twist.z)
+            sine * twist.x + cosine * twist.y)

@@ -21,30 +21,37 @@ class Closest(NamedTuple):
 
 def find_separation(flight: FlownFlight) -> Closest | None:
     """Return the smallest distance between two UAVs in space, or None for one UAV."""
-    names, best = [uav.name for uav in flight.plan.scenario.uavs], None
-    for first, second in combinations(range(len(names)), 2):
-        distances = np.linalg.norm(flight.positions[first] - flight.positions[second], axis=1)
-        best = _choose(best, distances, flight.times, f'{names[first]} and {names[second]}')
-    return best
+    places = _fill_heights(flight)
+    return _choose(flight.times, {
+        f'{first} and {second}': np.linalg.norm(places[first] - places[second], axis=1)
+        for first, second in combinations(places, 2)})
 
 
 def find_zone(flight: FlownFlight) -> Closest | None:
-    """Return the smallest distance to a zone, negative inside, or None without zones."""
-    scenario, best = flight.plan.scenario, None
-    for uav, path in zip(scenario.uavs, flight.positions, strict=True):
-        for zone, name in scenario.boundaries.zones_at(uav.altitude):
-            best = _choose(best, -_measure_depths(zone.vertices, path), flight.times,
-                           f'{uav.name} and {name}')
-    return best
+    """Return the smallest distance to a zone at the UAV's height, negative inside, or None."""
+    scenario, margin = flight.plan.scenario, flight.plan.scenario.tracking_margin
+    return _choose(flight.times, {
+        f'{name} and {zone_name}': np.where(
+            (path[:, 2] >= zone.floor - margin) & (path[:, 2] <= zone.ceiling + margin),
+            -_measure_depths(zone.vertices, path), np.nan)
+        for name, path in _fill_heights(flight).items()
+        for zone, zone_name in zip(scenario.no_fly_zones, scenario.zone_names, strict=True)})
 
 
 def find_fence(flight: FlownFlight) -> Closest | None:
     """Return the smallest distance to the geofence, negative outside, or None without one."""
-    scenario, best = flight.plan.scenario, None
-    if scenario.geofence is not None:
-        for uav, path in zip(scenario.uavs, flight.positions, strict=True):
-            best = _choose(best, _measure_depths(scenario.geofence, path), flight.times, uav.name)
-    return best
+    fence = flight.plan.scenario.geofence
+    return _choose(flight.times, {} if fence is None else {
+        name: _measure_depths(fence, path) for name, path in _fill_heights(flight).items()})
+
+
+def _fill_heights(flight: FlownFlight) -> dict[str, Array]:
+    """Return positions (K, 3) by UAV, at the planned altitude if heights are not in the log."""
+    places = {}
+    for uav, path in zip(flight.plan.scenario.uavs, flight.positions, strict=True):
+        heights = np.where(np.isnan(path[:, 2]), uav.altitude, path[:, 2])
+        places[uav.name] = np.column_stack([path[:, :2], heights])
+    return places
 
 
 def _measure_depths(vertices: Vertices, path: Array) -> Array:
@@ -55,11 +62,9 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
     return np.where(np.isfinite(path[:, 0]), depths, np.nan)
 
 
-def _choose(best: Closest | None, distances: Array, times: Array, names: str) -> Closest | None:
-    """Return the smaller of `best` and the least of further distances (K,), which may be NaN."""
-    if not np.isfinite(distances).any():
-        return best
-    index = int(np.nanargmin(distances))
-    if best is not None and best.distance <= distances[index]:
-        return best
-    return Closest(float(distances[index]), float(times[index]), names)
+def _choose(times: Array, distances: dict[str, Array]) -> Closest | None:
+    """Return the smallest of distances (K,) by names, which may be NaN, or None without any."""
+    closest = [Closest(float(values[index]), float(times[index]), names)
+               for names, values in distances.items() if np.isfinite(values).any()
+               for index in [int(np.nanargmin(values))]]
+    return min(closest, default=None)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .log import VehicleLog
+from .log import check_magic, describe_mode, VehicleLog
 from ...errors import LogFileError
 
 _ESTIMATES = ('XKF1', 'NKF1')  # The message of the newer estimator, then the older.
@@ -14,11 +14,13 @@ _LEAP_S = 18  # GPS less UTC, since 2017.
 _WEEK_S = 604800
 _US = 1e-6
 _WH = 3600.0  # J
+_GUIDED = 4  # Mode number of a Copter.
 
 
 def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
     """Return the log of a vehicle, of the estimator's core 0; NED becomes east, north, up."""
     from pymavlink.DFReader import DFReader_binary  # Here, since few need it.
+    check_magic(path, 0, [b'\xa3\x95'])
     reader = DFReader_binary(os.fspath(path))
     try:
         return _read(reader)
@@ -31,7 +33,7 @@ def _read(reader: Any) -> VehicleLog:
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
-        'BAT': ('EnrgTot', 'Inst'), 'PSCN': ('TPN',), 'PSCE': ('TPE',)}
+        'MODE': ('ModeNum',), 'BAT': ('EnrgTot', 'Inst'), 'PSCN': ('TPN',), 'PSCE': ('TPE',)}
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in columns}
     while (message := reader.recv_match(type=list(columns))) is not None:
         name = message.get_type()
@@ -51,10 +53,15 @@ def _read(reader: Any) -> VehicleLog:
         north, east = table['PSCN'], table['PSCE']
         targets = north[:, 0], np.stack(
             [np.interp(north[:, 0], *east.T), north[:, 1]], axis=-1)
+    modes = table.get('MODE')
+    if modes is not None:  # A mode lasts until the next one, the last one until the log ends.
+        modes = np.append(modes, [[estimate[-1, 0], modes[-1, 1]]], axis=0)
     return VehicleLog(
-        estimate[:, 0], estimate[:, 2:5] * up, estimate[:, 5:8] * up, _find_utc_offset(table),
+        estimate[:, 0], estimate[:, 2:5] * up, estimate[:, 5:7], _find_utc_offset(table),
         _find_reference(table), battery=None if battery is None or not len(battery) else (
-            battery[:, 0], battery[:, 1] * _WH), setpoints=targets)
+            battery[:, 0], battery[:, 1] * _WH), setpoints=targets,
+        notes=() if modes is None else describe_mode(
+            'GUIDED', modes[:, 0], modes[:, 1] == _GUIDED))
 
 
 def _find_utc_offset(table: dict[str, Any]) -> float | None:

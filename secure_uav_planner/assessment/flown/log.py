@@ -1,18 +1,23 @@
 """What the log of one vehicle says, on the clock and in the frame of the log."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 import os
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import describe_error, LogFileError, name_missing_package, PlanningError
+from ...errors import (
+    describe_error, LogFileError, MissingPackageError, name_missing_package, PlanningError)
 from ...mission.scenario import Array
+from ...plan.tracking import LONGEST_GAP
 
-LONGEST_GAP_S = 1.0
-"""Time without a position beyond which a log does not cover the flight."""
+_BACKWARDS_S = 1.0  # Samples may come in another order within this time.
+_JUMP_M = 1.0  # Least jump of a position that is noticed.
+_NOISE = 8.0  # A jump is larger than this factor times the median irregularity of a log.
+_AGILITY = 20.0  # Largest acceleration in m/s^2 that is no jump.
+_SAME_JUMP_S = 0.5  # A jump that a log tells is noticed in its positions within this time.
 
 Samples = tuple[Array, Array]
 """Times (K,) in s of the log's clock, and values at these times, (K, ...)."""
@@ -24,17 +29,20 @@ class VehicleLog:
     Positions of one vehicle, and what else its log says.
 
     :param times: (K,) in s of the log's clock, increasing.
-    :param positions: (K, 3) in m: east, north and up from the origin of the log's frame.
-    :param velocities: (K, 3) in m/s, or None.
+    :param positions: (K, 3) in m: east, north and up from the origin of the log's frame; up is NaN
+        in a log without heights.
+    :param velocities: (K, 2) in m/s, or None.
     :param utc_offset: UTC in s less the log's clock, or None.
     :param reference: latitude and longitude in degrees of the origin of the log's frame, or None.
-    :param jumps: times in s after which positions jump, as the frame or its estimate changed.
+    :param jumps: times in s of the last samples before the frame or its estimate changes; jumps
+        of the positions are added.
     :param powers: times, and powers really set in W; None if the log has none.
     :param battery: times, and energy in J taken from the battery since the log began, or None.
     :param setpoints: times, and positions (K, 2) in m that the autopilot was asked for, or None.
     :param plan_times: times in s of the log's clock and of the plan from its point 0, (K,) each,
         or None.
     :param notes: what a reader of the comparison should know.
+    :raises LogFileError: for fewer than two positions, or times that run back.
     """
 
     times: Array
@@ -51,14 +59,22 @@ class VehicleLog:
 
     def __post_init__(self) -> None:
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
-        kept = np.isfinite(times) & np.isfinite(positions).all(axis=1)
-        kept[kept] = np.append(True, np.diff(np.maximum.accumulate(times[kept])) > 0)[:kept.sum()]
+        kept = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
+        latest = np.maximum.accumulate(times[kept])
+        back = int(np.argmax(latest - times[kept])) if len(latest) else 0
+        if len(latest) and latest[back] - times[kept][back] > _BACKWARDS_S:
+            raise LogFileError(f'its time runs back from {latest[back]:.1f} s to '
+                               f'{times[kept][back]:.1f} s')
+        kept[kept] = np.append(True, np.diff(latest) > 0)[:len(latest)]
         if np.count_nonzero(kept) < 2:
-            raise LogFileError('it has fewer than two positions')
+            raise LogFileError(f'it has {np.count_nonzero(kept)} valid positions; it must have 2')
         object.__setattr__(self, 'times', times[kept])
         object.__setattr__(self, 'positions', positions[kept])
         if self.velocities is not None:
             object.__setattr__(self, 'velocities', np.asarray(self.velocities, float)[kept])
+        seen = [time for time in _find_jumps(self.times, self.positions)
+                if all(abs(time - told) > _SAME_JUMP_S for told in self.jumps)]
+        object.__setattr__(self, 'jumps', tuple(sorted({*self.jumps, *seen})))
 
     def move(self, shift: ArrayLike) -> 'VehicleLog':
         """Return the log with its frame moved by (x, y) in m."""
@@ -68,29 +84,102 @@ class VehicleLog:
             setpoints = setpoints[0], setpoints[1] + shift[:2]
         return replace(self, positions=self.positions + shift, setpoints=setpoints)
 
-    @property
-    def is_covered(self) -> NDArray[np.bool_]:
-        """Tell which intervals between samples have no gap and no jump, (K - 1,)."""
-        covered: NDArray[np.bool_] = np.diff(self.times) <= LONGEST_GAP_S
-        covered[np.searchsorted(self.times, self.jumps, 'right')[
-            np.isin(self.jumps, self.times[:-1])] - 1] = False
-        return covered
+    def positions_at(self, times: Array) -> Array:
+        """Return positions (L, 3) in m at times of the log's clock; NaN in gaps and at jumps."""
+        positions = _interpolate(times, self.times, self.positions)
+        positions[~self._covers(times)] = np.nan
+        return positions
+
+    def velocities_at(self, times: Array) -> Array:
+        """Return velocities (L, 2) in m/s at increasing times of the log's clock; NaN in gaps."""
+        positions = self.positions_at(times)[:, :2]
+        if self.velocities is None:
+            return np.asarray(np.gradient(positions, times, axis=0))
+        velocities = _interpolate(times, self.times, self.velocities)
+        velocities[np.isnan(positions[:, 0])] = np.nan
+        return velocities
+
+    def _covers(self, times: Array) -> NDArray[np.bool_]:
+        """Tell which times lie on a sample, or between two without a gap and without a jump."""
+        steps = np.diff(self.times)
+        is_whole = steps <= LONGEST_GAP
+        jumps = np.searchsorted(self.times, self.jumps, 'right') - 1
+        is_whole[jumps[(jumps >= 0) & (jumps < len(steps))]] = False
+        index = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(steps) - 1)
+        return np.asarray((times >= self.times[0]) & (times <= self.times[-1])
+                          & (is_whole[index] | np.isin(times, self.times)))
+
+
+def _interpolate(times: Array, samples: Array, values: Array) -> Array:
+    return np.stack([np.interp(times, samples, column) for column in values.T], axis=-1)
+
+
+def _find_jumps(times: Array, positions: Array) -> list[float]:
+    """Return the times in s of samples after which the position jumps."""
+    if len(times) < 4:
+        return []
+    steps = np.diff(times)
+    moves = np.diff(positions[:, :2], axis=0)
+    # A step is compared with the mean velocity of the step before and the step after it.
+    velocities = (moves[:-2] + moves[2:]) / (steps[:-2] + steps[2:])[:, None]
+    errors = np.linalg.norm(moves[1:-1] - velocities * steps[1:-1, None], axis=1)
+    allowed = max(_JUMP_M, _NOISE * float(np.median(errors))) + _AGILITY * steps[1:-1]**2
+    # The steps beside a jump differ from their neighbours, too, by half of it.
+    is_largest = (errors >= np.append(0.0, errors[:-1])) & (errors >= np.append(errors[1:], 0.0))
+    return [float(time) for time in times[1:-2][(errors > allowed) & is_largest]]
+
+
+def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return a note of when a mode of an autopilot was active, by its state at times (K,) in s."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_active, [False]]).astype(int)))
+    if not len(edges):
+        return (f'it was never in {mode}',)
+    spans = [f'{times[first]:.1f} to {times[min(last, len(times) - 1)]:.1f} s'
+             for first, last in edges.reshape(-1, 2)]
+    return (f'in {mode} from {" and from ".join(spans)} of the log',)
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Keep libraries from printing what they find damaged: an error says it in a line."""
+    with open(os.devnull, 'w') as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        errors = os.dup(2)  # Compiled libraries print to the file itself.
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(errors, 2)
+            os.close(errors)
+
+
+def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[bytes]) -> None:
+    """
+    Refuse a file without a magic at an offset: libraries search all of it, byte by byte.
+
+    :raises LogFileError: for a file without any of the magics, which are equally long.
+    """
+    with open(path, 'rb') as file:
+        begin = file.read(offset + max(map(len, magics)))
+    if begin[offset:] not in magics:
+        raise LogFileError('it is empty' if not begin else 'it does not begin as such a log does')
 
 
 @contextmanager
 def refuse_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """
-    Raise whatever a library raises while it reads a log as a LogFileError that names the file.
+    Raise whatever is raised while a log is read as a LogFileError that names the file.
 
     :raises MissingPackageError: when the library is not installed.
     """
     try:
         with name_missing_package():
             yield
-    except LogFileError as error:
-        raise LogFileError(f'{path}: {error}') from None
-    except (PlanningError, OSError, MemoryError):
+    except (MissingPackageError, MemoryError):
         raise
+    except OSError as error:
+        raise LogFileError(f'{path} cannot be read: {error.strerror or error}') from None
+    except PlanningError as error:
+        raise LogFileError(f'{path}: {error}') from None
     except Exception as error:  # A library may raise anything for a damaged file.
         raise LogFileError(
             f'{path} cannot be read as a log: {describe_error(error)}') from None

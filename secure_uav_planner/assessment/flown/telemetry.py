@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from .log import VehicleLog
+from .log import check_magic, VehicleLog
 from ...errors import LogFileError
 
 _TYPES = ('LOCAL_POSITION_NED', 'GPS_GLOBAL_ORIGIN', 'SYSTEM_TIME')
@@ -13,7 +13,8 @@ _TYPES = ('LOCAL_POSITION_NED', 'GPS_GLOBAL_ORIGIN', 'SYSTEM_TIME')
 def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     """Return the log of the only vehicle in a file, on the clock since its boot."""
     from pymavlink import mavutil  # Here, since few need it.
-    connection = mavutil.mavlink_connection(os.fspath(path))
+    check_magic(path, 8, [b'\xfd', b'\xfe'])  # Of MAVLink 2 and 1, after a time stamp.
+    connection = mavutil.mavlogfile(os.fspath(path))
     states, offsets, reference = list[tuple[float, ...]](), list[float](), None
     vehicles = set[int]()
     while (message := connection.recv_match(type=list(_TYPES))) is not None:
@@ -21,7 +22,7 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
         if kind == 'LOCAL_POSITION_NED':
             vehicles.add(message.get_srcSystem())
             states.append((message.time_boot_ms * 1e-3, message.y, message.x, -message.z,
-                           message.vy, message.vx, -message.vz))
+                           message.vy, message.vx))
         elif kind == 'GPS_GLOBAL_ORIGIN':
             reference = message.latitude * 1e-7, message.longitude * 1e-7
         elif message.time_unix_usec:
@@ -31,5 +32,5 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     if len(vehicles) > 1:
         raise LogFileError(f'it has the vehicles {sorted(vehicles)}; it must have one')
     table = np.array(states)
-    return VehicleLog(table[:, 0], table[:, 1:4], table[:, 4:7],
+    return VehicleLog(table[:, 0], table[:, 1:4], table[:, 4:6],
                       float(np.median(offsets)) if offsets else None, reference)

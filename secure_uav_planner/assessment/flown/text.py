@@ -1,5 +1,6 @@
 """Logs as text: CSV with a header, and TUM."""
 
+from array import array
 import csv
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ from .log import VehicleLog
 from ...errors import LogFileError
 
 _NEEDED = ('time', 'x', 'y')
+_READ = (*_NEEDED, 'z', 'vx', 'vy', 'power')
 _EPOCH = 1e8  # s; times after it are UTC, times before it belong to the log's own clock.
 
 
@@ -19,31 +21,44 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
 
     The column uav may be missing where there is one UAV. Positions are in the plan's frame, in m.
     """
+    tables: dict[str, array[float]] = {}
     with Path(path).open(newline='', encoding='utf-8-sig') as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        names = reader.fieldnames or []
-        missing = [name for name in _NEEDED if name not in names]
+        reader = csv.reader(file, skipinitialspace=True)
+        names = [name.strip() for name in next(reader, [])]
+        needed = (*_NEEDED, 'uav') if len(uavs) > 1 else _NEEDED
+        missing = [name for name in needed if name not in names]
         if missing:
             raise LogFileError(f'it has no column {missing[0]}')
-        if 'uav' not in names and len(uavs) > 1:
-            raise LogFileError('it has no column uav')
-        columns = [name for name in ('time', 'x', 'y', 'z', 'vx', 'vy', 'power') if name in names]
-        rows: dict[str, list[list[float]]] = {}
+        read = [name for name in _READ if name in names]
+        columns = [names.index(name) for name in read]
+        uav = names.index('uav') if 'uav' in names else None
         for row in reader:
+            if not row:
+                continue
+            if len(row) != len(names):
+                raise LogFileError(f'line {reader.line_num} has {len(row)} fields; it must have '
+                                   f'{len(names)}')
             try:
-                values = [float(row[name] or 'nan') for name in columns]
-            except (TypeError, ValueError) as error:
+                values = [float(row[column] or 'nan') for column in columns]
+            except ValueError as error:
                 raise LogFileError(f'line {reader.line_num}: {error}') from None
-            rows.setdefault((row.get('uav') or uavs[0]).strip(), []).append(values)
-    logs = {}
-    for uav, table in rows.items():
-        logs[uav] = _make_log(dict(zip(columns, np.array(table).T, strict=True)))
-    return logs
+            name = uavs[0] if uav is None else row[uav].strip()
+            tables.setdefault(name, array('d')).extend(values)
+    return {name: _make_log(dict(zip(
+        read, np.frombuffer(table).reshape(-1, len(read)).T, strict=True)))
+        for name, table in tables.items()}
 
 
 def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
     """Return the log in lines `t x y z qx qy qz qw`, in s and in m in the plan's frame."""
-    table = np.loadtxt(path, ndmin=2, encoding='utf-8-sig')
+    if not Path(path).stat().st_size:
+        raise LogFileError('it is empty')
+    try:
+        table = np.loadtxt(path, ndmin=2, encoding='utf-8-sig')
+    except UnicodeDecodeError:
+        raise
+    except ValueError as error:  # Its second half is advice on NumPy.
+        raise LogFileError(str(error).partition(';')[0]) from None
     if table.shape[1] != 8:
         raise LogFileError(f'it has {table.shape[1]} numbers in a line; it must have 8')
     return _make_log(dict(zip(('time', 'x', 'y', 'z'), table.T[:4], strict=True)))
@@ -52,14 +67,10 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
     """Return the log in a table of columns; without heights, z is 0 and a note says so."""
     times = table['time']
-    zeros = np.zeros_like(times)
-    positions = np.stack([table['x'], table['y'], table.get('z', np.full_like(zeros, np.nan))],
-                         axis=-1)
-    has_height = np.isfinite(positions[:, 2]).all()
-    velocities = np.stack([table['vx'], table['vy'], zeros], axis=-1) if (
+    no_heights = np.full_like(times, np.nan)
+    positions = np.stack([table['x'], table['y'], table.get('z', no_heights)], axis=-1)
+    velocities = np.stack([table['vx'], table['vy']], axis=-1) if (
         'vx' in table and 'vy' in table) else None
-    positions[:, 2] = positions[:, 2] if has_height else 0.0
     return VehicleLog(
         times, positions, velocities, 0.0 if np.nanmedian(times) > _EPOCH else None,
-        powers=(times, table['power']) if 'power' in table else None,
-        notes=() if has_height else ('heights are not in the log',))
+        powers=(times, table['power']) if 'power' in table else None)

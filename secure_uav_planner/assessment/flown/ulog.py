@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .log import VehicleLog
+from .log import describe_mode, VehicleLog
 from ...errors import LogFileError, OptionError
 from ...mission.geography import Origin
 from ...mission.scenario import Array
@@ -30,19 +30,19 @@ def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
     valid = np.ones(len(times), bool)
     for name in ('xy_valid', 'z_valid'):
         valid &= np.asarray(local.get(name, valid), bool)
-    velocities = _to_enu(local, 'vx', 'vy', 'vz')[valid] if 'vx' in local else None
+    velocities = _to_enu(local, 'vx', 'vy', 'vz')[valid, :2] if 'vx' in local else None
     positions, reference = _join_frames(local, _to_enu(local, 'x', 'y', 'z'))
-    jumps, notes = _find_jumps(local, times)
     setpoints = topics.get('trajectory_setpoint')
     if setpoints is not None and 'x' not in setpoints:
         setpoints = {**setpoints, **{
             name: setpoints[f'position[{index}]'] for index, name in enumerate('xyz')}}
     return VehicleLog(
-        times[valid], positions[valid], velocities, _find_utc_offset(topics), reference, jumps,
+        times[valid], positions[valid], velocities, _find_utc_offset(topics), reference,
+        _find_jumps(local, times),
         battery=_integrate_battery(topics.get('battery_status')),
         setpoints=None if setpoints is None else (
             setpoints['timestamp'] * _US, _to_enu(setpoints, 'x', 'y', 'z')[:, :2]),
-        notes=(*notes, *_describe_offboard(topics.get('vehicle_status'))))
+        notes=_describe_offboard(topics.get('vehicle_status')))
 
 
 def _to_enu(data: Any, *names: str) -> Array:
@@ -69,14 +69,11 @@ def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, floa
     return positions, (latitude, longitude)
 
 
-def _find_jumps(local: Any, times: Array) -> tuple[tuple[float, ...], list[str]]:
-    """Return the times [s] before jumps of the local frame, and a note about each jump."""
-    jumps, notes = [], []
-    for name in ('ref_timestamp', 'xy_reset_counter'):
-        for index in np.flatnonzero(np.diff(np.asarray(local.get(name, ()), np.int64))).tolist():
-            jumps.append(float(times[index]))
-            notes.append(f'the frame jumped at {times[index + 1]:.1f} s of the log ({name})')
-    return tuple(sorted({*jumps})), notes
+def _find_jumps(local: Any, times: Array) -> tuple[float, ...]:
+    """Return times in s of the last samples before the frame changes."""
+    changes = [np.flatnonzero(np.diff(np.asarray(local.get(name, ()), np.int64)))
+               for name in ('ref_timestamp', 'xy_reset_counter')]
+    return tuple(times[np.unique(np.concatenate(changes))].tolist())
 
 
 def _find_utc_offset(topics: dict[str, Any]) -> float | None:
@@ -91,7 +88,6 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
-    """Return times [s] and the energy [J] used since the first, or None without data."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
@@ -104,12 +100,9 @@ def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
     return None
 
 
-def _describe_offboard(status: Any) -> list[str]:
+def _describe_offboard(status: Any) -> tuple[str, ...]:
     """Return a note of the time in OFFBOARD."""
     if status is None or 'nav_state' not in status:
-        return []
-    is_offboard = np.asarray(status['nav_state']) == _OFFBOARD
-    if not is_offboard.any():
-        return ['it was never in OFFBOARD']
-    times = status['timestamp'][is_offboard] * _US
-    return [f'in OFFBOARD from {times[0]:.1f} to {times[-1]:.1f} s of the log']
+        return ()
+    return describe_mode('OFFBOARD', status['timestamp'] * _US,
+                         np.asarray(status['nav_state']) == _OFFBOARD)

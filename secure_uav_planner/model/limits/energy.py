@@ -47,7 +47,7 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
     velocities = add_end_moves(np.diff(positions, axis=1) / step, scenario.end_velocities)
     return np.asarray(integrate_powers(
-        scenario, velocities[:, :-1], velocities[:, 1:], step).sum(axis=1))
+        scenario.uavs, velocities[:, :-1], velocities[:, 1:], step).sum(axis=1))
 
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
@@ -63,7 +63,7 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
     velocities = add_end_moves(np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration,
                                scenario.end_velocities)
     energies = integrate_powers(
-        scenario, velocities[:, :-2], velocities[:, 1:-1], scenario.slot_duration).sum(axis=1)
+        scenario.uavs, velocities[:, :-2], velocities[:, 1:-1], scenario.slot_duration).sum(axis=1)
     least = find_range(Uav, 'max_energy').low
     return tuple(uav if uav.max_energy is None else replace(
         uav, max_energy=max(uav.max_energy - energy, least))

@@ -1,38 +1,86 @@
-"""Flights of a plan that err in a known way, as logs of every format."""
+"""Flights of a plan, as physics or a known error make them, and their logs in every format."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 import struct
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from secure_uav_planner import Plan
+from secure_uav_planner.plan.file import make_text
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 GPS_EPOCH, LEAP = 315964800, 18
 
 
 @dataclass
-class Flight:
-    """A plan flown late, beside its way; `positions` and `velocities` are (U, K, 3) at times."""
+class Track:
+    """Where the UAVs of a plan were; `positions` and `velocities` are (U, K, 3) at times (K,)."""
 
-    plan: object
+    plan: Plan
     times: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
     powers: np.ndarray
 
+    def add(self, delay=0.0, offset=0.0, jump_at=math.inf, jump=(0.0, 0.0)):
+        """
+        Return the track `delay` s later, `offset` m to the left of the plan's way, and moved.
+
+        :param jump_at: time in s from which positions are moved by `jump`, (x, y) in m.
+        """
+        positions = np.stack([[np.interp(self.times - delay, self.times, column)
+                               for column in path.T] for path in self.positions])
+        headings = self.plan.curve.at(self.times - delay).headings
+        positions = positions.swapaxes(1, 2)
+        positions[..., :2] += offset * np.stack([-np.sin(headings), np.cos(headings)], axis=-1)
+        positions[:, self.times >= jump_at, :2] += jump
+        return replace(self, positions=positions)
+
 
 def fly(plan, delay=0.3, offset=0.8, frequency=10.0, before=5.0, after=5.0):
-    """Return a flight whose UAVs are `delay` s behind the plan and `offset` m left of its way."""
+    """Return the track of UAVs `delay` s behind the plan and `offset` m left of its way."""
     times = np.arange(plan.curve.begin - before, plan.curve.end + after, 1 / frequency)
-    motion = plan.curve.at(times - delay)
-    left = np.stack([-np.sin(motion.headings), np.cos(motion.headings)], axis=-1)
+    motion = plan.curve.at(times)
     heights = np.broadcast_to(plan.scenario.altitudes[:, None, None], (*motion.headings.shape, 1))
-    slots = np.clip(np.floor(times / plan.scenario.slot_duration).astype(int), 0,
+    return Track(plan, times, np.concatenate([motion.positions, heights], -1), np.pad(
+        motion.velocities, ((0, 0), (0, 0), (0, 1))), find_powers(plan, times)).add(delay, offset)
+
+
+def find_powers(plan, times):
+    """Return the powers of a plan at times (K,) in s from its point 0, (U, K) in W."""
+    slots = np.clip(np.floor(times / plan.scenario.slot_duration + 1e-9).astype(int), 0,
                     plan.scenario.slots + 1)
-    powers = np.pad(plan.powers, ((0, 0), (1, 1)))[:, slots]
-    return Flight(plan, times, np.concatenate([motion.positions + offset * left, heights], -1),
-                  np.pad(motion.velocities, ((0, 0), (0, 0), (0, 1))), powers)
+    return np.pad(plan.powers, ((0, 0), (1, 1)))[:, slots]
+
+
+def from_physics(plan, flight):
+    """Return the Track of a Flight of a plan by studies.flown.flight."""
+    velocities = np.gradient(flight.places, flight.times, axis=1)
+    return Track(plan, flight.times, flight.places, velocities, find_powers(plan, flight.times))
+
+
+def write_logs(track, folder, origins=None, clock=100.0):
+    """
+    Write a track as .ulg, .BIN, bag in MCAP and CSV.
+
+    :param origins: by UAV, where the frame of its autopilot begins, (x, y) in m; its start if not
+        given.
+    :param clock: time of point 0 in s of the autopilots' clocks.
+    :return: by format, what read_flight takes.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    uavs, start = track.plan.scenario.uavs, track.plan.start_ns * 1e-9
+    sources = {'csv': folder / 'flight.csv', 'mcap': folder / 'bag'}
+    write_csv(track, sources['csv'], start)
+    write_bag(track, sources['mcap'])
+    for kind, write in (('ulg', write_ulog), ('BIN', write_dataflash)):
+        sources[kind] = {uav.name: folder / f'{uav.name}.{kind}' for uav in uavs}
+        for index, uav in enumerate(uavs):
+            write(track, index, sources[kind][uav.name],
+                  (origins or {}).get(uav.name, uav.start), clock, start)
+    return sources
 
 
 def write_csv(flight, path, epoch=0.0):
@@ -54,13 +102,13 @@ def write_tum(flight, index, path):
 
 
 def write_ulog(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None, reference=None,
-               jump_at=None, jump=(0.0, 0.0)):
+               reset_at=math.inf):
     """
     Write the log of PX4, whose frame begins at `origin` of the plan's.
 
     :param clock: time of point 0 in s of the log's clock.
     :param utc: UTC of point 0 in s, or None without GPS.
-    :param jump_at: time in s from point 0 of a jump of the frame, by `jump` to east and north.
+    :param reset_at: time in s from point 0 at which the estimator counts a reset of x and y.
     """
     formats = {
         'vehicle_local_position': 'uint64_t timestamp;float x;float y;float z;float vx;float vy;'
@@ -81,10 +129,10 @@ def write_ulog(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None, re
     latitude, longitude = reference or (np.nan, np.nan)
     for time, place, speed in zip(
             flight.times, flight.positions[index], flight.velocities[index]):
-        stamp, has_jumped = round((time + clock) * 1e6), jump_at is not None and time >= jump_at
-        east, north = place[:2] - origin + (np.array(jump) if has_jumped else 0.0)
+        stamp, is_reset = round((time + clock) * 1e6), time >= reset_at
+        east, north = place[:2] - origin
         add('D', struct.pack('<HQ6f??BQdd', 0, stamp, north, east, -place[2], speed[1], speed[0],
-                             0.0, True, True, int(has_jumped), 1, latitude, longitude))
+                             0.0, True, True, int(is_reset), 1, latitude, longitude))
         if utc is not None:
             add('D', struct.pack('<HQQ', 1, stamp, round((time + utc) * 1e6)))
         add('D', struct.pack('<HQB', 2, stamp, 14))
@@ -123,12 +171,39 @@ def write_dataflash(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=Non
     path.write_bytes(b''.join(parts))
 
 
-def write_bag(flight, path, plan_text=None):
-    """Write a bag in MCAP of the topics that messages.md says to record."""
+def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None, reference=None):
+    """Write the telemetry log of a ground station, whose frame begins at `origin` of the plan's."""
+    from pymavlink.dialects.v20 import ardupilotmega  # Here, since it takes a second.
+    mavlink = ardupilotmega.MAVLink(None, srcSystem=index + 1)
+    with open(path, 'wb') as file:
+        def write(time, message):
+            stamp = round((time + (utc or 0.0)) * 1e6)
+            file.write(struct.pack('>Q', max(stamp, 0)) + message.pack(mavlink))
+
+        if reference is not None:
+            write(flight.times[0], mavlink.gps_global_origin_encode(
+                *(round(value * 1e7) for value in reference), 0))
+        for time, place, speed in zip(
+                flight.times.tolist(), flight.positions[index], flight.velocities[index]):
+            boot_ms = round((time + clock) * 1e3)
+            if utc is not None:
+                write(time, mavlink.system_time_encode(round((time + utc) * 1e6), boot_ms))
+            write(time, mavlink.local_position_ned_encode(
+                boot_ms, place[1] - origin[1], place[0] - origin[0], -place[2], speed[1],
+                speed[0], 0.0))
+
+
+def write_bag(flight, path, plans=()):
+    """
+    Write a bag in MCAP of the topics that messages.md says to record.
+
+    :param plans: (time, Plan) of each plan that is published and in force from a time in s on; by
+        default the plan of the flight.
+    """
     types = STORE.types
     stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
-    plan = flight.plan
-    start_ns = plan.start_ns or 0
+    start_ns = flight.plan.start_ns or 0
+    waiting = [*plans] or [(-math.inf, flight.plan)]
 
     def stamp(time):
         nanoseconds = start_ns + round(time * 1e9)
@@ -140,18 +215,19 @@ def write_bag(flight, path, plan_text=None):
             return lambda time, message: writer.write(
                 connection, start_ns + round(time * 1e9), STORE.serialize_cdr(message, kind))
 
-        if plan_text is not None:
-            connect('/plan', 'std_msgs/msg/String')(
-                float(flight.times[0]), types['std_msgs/msg/String'](data=plan_text))
+        publish = connect('/plan', 'std_msgs/msg/String')
         report = connect('/plan_time', 'sensor_msgs/msg/TimeReference')
         vector, point = (types[f'geometry_msgs/msg/{name}'] for name in ('Vector3', 'Point'))
         quaternion = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
         zeros = np.zeros(36)
         topics = [(connect(f'/{uav.name}/odom', 'nav_msgs/msg/Odometry'),
                    connect(f'/{uav.name}/setpoint/power', 'std_msgs/msg/Float64'))
-                  for uav in plan.scenario.uavs]
+                  for uav in flight.plan.scenario.uavs]
         for number, time in enumerate(flight.times.tolist()):
             header = header_type(stamp=stamp(time), frame_id='map')
+            while waiting and waiting[0][0] <= time:
+                _, plan = waiting.pop(0)
+                publish(time, types['std_msgs/msg/String'](data=make_text(plan, 'map')))
             report(time, types['sensor_msgs/msg/TimeReference'](
                 header=header, time_ref=stamp(time), source=f'{plan.identity} /replay'))
             for uav, (odometry, power) in enumerate(topics):

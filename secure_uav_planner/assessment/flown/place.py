@@ -1,0 +1,99 @@
+"""The place of a log's frame in the frame of the plan."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+import numpy as np
+
+from .alignment import fit_shift
+from .course import Course
+from .log import VehicleLog
+from ...errors import LogFileError, OptionError, quote
+from ...mission import TimeSource
+from ...mission.fields import check_argument, checked_point
+from ...mission.scenario import Array, Scenario
+
+START_TOLERANCE_M = 5.0
+"""Distance from the plan's start up to which local frames are taken as equal."""
+
+_CLOSE_FIT = 0.05  # A fit is close if its RMS is below this share of the extent of the way.
+
+
+def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: object
+               ) -> tuple[dict[str, VehicleLog], set[str]]:
+    """
+    Return logs moved into the plan's frame, and the names of those whose place is known.
+
+    :param shifts: by UAV, the place (x, y) in m of its log's origin, or None. Without it, the
+        origins on Earth of the log and of the mission count.
+    :raises OptionError: for wrong shifts.
+    """
+    shifts = {} if shifts is None else shifts
+    if not isinstance(shifts, Mapping):
+        raise OptionError(f'shifts is {quote(shifts)}; it must be a mapping from UAVs to places',
+                          ('shifts',))
+    places: dict[str, Any] = {}
+    for name, place in shifts.items():
+        if name not in logs:
+            raise OptionError(f'shift names {quote(name)}; it must be one of {", ".join(logs)}')
+        places[name] = check_argument(f'shift of {name}', place, checked_point)
+    if scenario.origin is not None:
+        for name, log in logs.items():
+            if log.reference is not None and name not in places:
+                places[name] = tuple(map(float, scenario.origin.to_local(*log.reference)))
+    return {name: log.move(places[name]) if name in places else log
+            for name, log in logs.items()}, set(places)
+
+
+def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav: int,
+                time_from: TimeSource) -> None:
+    """
+    Refuse a log whose frame differs from the plan's frame, as nothing tells where it lies.
+
+    :param clock: the log's time in s at times (K,) of the plan.
+    :raises LogFileError: with the place of the frame that fits, if one does.
+    """
+    scenario = course.last.scenario
+    name, most = scenario.uavs[uav].name, max(START_TOLERANCE_M, scenario.tracking_margin)
+    flown = log.positions_at(clock)[:, :2]
+    inside = np.flatnonzero(np.isfinite(flown[:, 0]))
+    if not len(inside):
+        raise LogFileError(f'it has no position of {name} in the time of the plan, by '
+                           f'{time_from}; give another --at, such as fit')
+    first = inside[0]
+    offset = course.at(times[[first]]).positions[uav, 0] - flown[first]
+    distance = float(np.linalg.norm(offset))
+    if distance > most:
+        raise LogFileError(
+            f'{name} is {distance:.1f} m from its plan at its begin, by {time_from}; at most '
+            f'{most:g} m are taken as one frame{_suggest(log, course, uav, most)}')
+
+
+def _suggest(log: VehicleLog, course: Course, uav: int, most: float) -> str:
+    """Return what to type for a log in another frame, or nothing where nothing fits."""
+    name = course.last.scenario.uavs[uav].name
+    swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])
+    for turned in (log, swapped):
+        try:
+            shift = fit_shift([turned], course, [uav], is_moved=True)
+        except LogFileError:
+            continue
+        planned, flown = _pair(turned, course, uav, shift.seconds)
+        if shift.rms > _CLOSE_FIT * max(math.hypot(*np.ptp(planned, axis=0)), most):
+            continue
+        if turned is swapped:
+            return '; its x and y fit when they are swapped: x is east and y is north'
+        place = np.median(planned - flown, axis=0) + 0.0
+        if np.linalg.norm(place) <= most:
+            return '; give --at fit'
+        return (f'; give --shift {name}={place[0]:.1f},{place[1]:.1f}, with which it flies '
+                f'{shift.rms:.2f} m from its plan')
+    return ''
+
+
+def _pair(log: VehicleLog, course: Course, uav: int, seconds: float) -> tuple[Array, Array]:
+    """Return planned and flown positions (K, 2) at the samples of a log within the plan."""
+    times = log.times - seconds
+    inside = (times >= course.begin) & (times <= course.end)
+    return course.at(times[inside]).positions[uav], log.positions[inside, :2]
