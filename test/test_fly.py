@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
+from secure_uav_planner import (
+    compare, Eavesdropper, NoFlyZone, read_flight, Scenario, solve, Uav)
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
@@ -13,6 +14,7 @@ from studies.flown import missions, report
 from studies.flown.__main__ import main
 from studies.flown.flight import fly_event, fly_plan
 from studies.flown.flight_picture import save_flight
+from studies.flown.logs import find_powers, from_physics, write_logs
 from studies.flown.quadrotor import Gusts, Quadrotor, STEP
 
 pytestmark = pytest.mark.slow
@@ -148,3 +150,66 @@ def test_the_missions_can_be_flown_and_there_are_as_many_random_ones_as_are_aske
     names = [name for name, _ in missions.random_missions(120)]
     assert len(set(names)) == 120 and names[:5] == [name for name, _ in named[4:]]
     assert list(missions.random_missions(0)) == []
+
+
+START_NS = 1_795_743_002_000_000_000
+
+
+def compare_logs(track, folder):
+    """Yield the format and the Comparison of each log of a track."""
+    starts = {uav.name: uav.start for uav in track.plan.scenario.uavs}
+    for kind, source in write_logs(track, folder).items():
+        shifts = starts if kind in ('ulg', 'BIN') else None
+        yield kind, compare(track.plan, read_flight(source, track.plan, shifts=shifts))
+
+
+@pytest.fixture(scope='module')
+def track(plan, flight):
+    """Return where the quadrotors were, as what logs are written of."""
+    return from_physics(replace(plan, start_ns=START_NS), flight)
+
+
+def test_delay_and_offset_of_a_flight_come_back_from_its_logs(track, tmp_path):
+    right = dict(compare_logs(track, tmp_path / 'right'))
+    moved = compare_logs(track.add(delay=0.3, offset=0.8), tmp_path / 'moved')
+    for kind, comparison in moved:
+        for name, errors in comparison.uavs.items():
+            before = right[kind].uavs[name]
+            assert errors.delay_s - before.delay_s == pytest.approx(0.3, abs=0.02), kind
+            assert errors.cross_track_mean_m - before.cross_track_mean_m == pytest.approx(
+                0.8, abs=0.05), kind
+            # The report of the flight itself has the same errors.
+            assert before.error_rms_m == pytest.approx(
+                np.sqrt(((flown_errors(track)[name])**2).mean()), rel=0.02)
+
+
+def flown_errors(track):
+    """Return the horizontal errors (K,) in m of each UAV at all steps of the physics."""
+    asked = track.plan.curve.at(track.times).positions
+    return {uav.name: np.linalg.norm(asked[index] - track.positions[index, :, :2], axis=-1)
+            for index, uav in enumerate(track.plan.scenario.uavs)}
+
+
+def test_a_jump_of_the_frame_comes_back_from_logs_at_its_second(track, tmp_path):
+    for kind, comparison in compare_logs(track.add(jump_at=25.0, jump=(3.0, 0.0)), tmp_path):
+        for errors in comparison.uavs.values():
+            assert errors.jumps_s == pytest.approx([25.0], abs=0.1), kind
+
+
+def test_the_slots_that_broke_in_physics_are_found_in_every_log(plan, track, tmp_path):
+    positions = track.positions.copy()
+    away = 80.0 * np.sin(np.clip((track.times - 14.0) / 10.0, 0.0, 1.0) * math.pi)**2
+    positions[0, :, 1] += away  # The transmitter leaves its way, to the eavesdropper.
+    lost = replace(track, positions=positions)
+    fine = np.arange(1.0, 41.0, 0.02) + 0.01
+    places = np.stack([[np.interp(fine, lost.times, column) for column in path.T[:2]]
+                       for path in positions]).swapaxes(1, 2)
+    powers = find_powers(plan, fine)
+    flown, asked = (np.maximum(guaranteed_rates(
+        plan.scenario, np.pad(level, ((0, 0), (1, 1), (0, 0))), powers, times=fine), 0.0).reshape(
+            -1, 50).mean(axis=1) for level in (places, plan.curve.at(fine).positions))
+    broken = asked - flown > 0.05 * asked + 0.01 * asked.mean()
+    assert 3 < broken.sum() < 20
+    for kind, comparison in compare_logs(lost, tmp_path):
+        assert comparison.broken.tolist() == broken.tolist(), kind
+        assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(flown, abs=0.01)

@@ -20,7 +20,8 @@ _UAV_ROWS = (
     ('gap of the log, longest', 's', 'gap_max_s', 1),
     ('setpoints from the plan, RMS', 'm', 'setpoint_error_rms_m', 2),
     ('energy by the model', 'J', 'energy_j', 0), ('  planned', 'J', 'planned_energy_j', 0),
-    ('energy from the battery', 'Wh', 'battery_wh', 1), ('  by the model', '', 'battery_factor', 2))
+    ('energy from the battery', 'Wh', 'battery_wh', 1),
+    ('  by the model', '', 'battery_factor', 2))
 
 
 def comparison_table(comparison: Any) -> str:
@@ -39,7 +40,8 @@ def comparison_table(comparison: Any) -> str:
         if np.isfinite(values).any():
             rows.append((label, 'm/s' if 'speed' in label else 'm/s^2', *(
                 f'{value:.2f}' for value in values)))
-    lines = [_describe_time(flight), align((8, *[width] * len(names)), rows)]
+    lines = [_describe_time(flight), '\n'.join(flight.notes),
+             align((8, *[width] * len(names)), rows)]
     asked = {'separation': f'{plan.scenario.separation:g} m were asked for',
              'zones': f'tracking_margin is {plan.scenario.tracking_margin:g} m',
              'fence': f'tracking_margin is {plan.scenario.tracking_margin:g} m'}
@@ -50,9 +52,7 @@ def comparison_table(comparison: Any) -> str:
         f'({asked[kind]})' for kind in asked
         if (closest := getattr(comparison, kind)) is not None)]
     lines.append(_describe_rates(comparison))
-    lines.append('what to type next:\n' + '\n'.join(f'  {word}' for word in comparison.advice))
-    if flight.notes:
-        lines.append('\n'.join(flight.notes))
+    lines.append('what to type next:\n' + '\n'.join(f'  {line}' for line in comparison.advice))
     return '\n\n'.join(filter(None, lines))
 
 
@@ -84,5 +84,10 @@ def _describe_rates(comparison: Any) -> str:
         numbers = ', '.join(str(slot + 1) for slot in broken[:10])
         text += (f': {numbers}{", ..." if len(broken) > 10 else ""}; the worst, slot '
                  f'{worst + 1}, had {shortfalls[worst]:.4f} bit/s/Hz less than planned')
+    if not comparison.covered.all():
+        edges = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
+        text += '\nnot covered: slots ' + ', '.join(
+            f'{first}' if first == after - 1 else f'{first} to {after - 1}'
+            for first, after in edges.reshape(-1, 2).tolist())
     source = 'set, by the log' if comparison.flight.powers is not None else "the plan's"
     return f'{text}\npowers: {source}'

@@ -171,8 +171,9 @@ def write_dataflash(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=Non
     path.write_bytes(b''.join(parts))
 
 
-def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None, reference=None):
-    """Write the telemetry log of a ground station, whose frame begins at `origin` of the plan's."""
+def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None,
+                    reference=None):
+    """Write a ground station's telemetry log, whose frame begins at `origin` of the plan's."""
     from pymavlink.dialects.v20 import ardupilotmega  # Here, since it takes a second.
     mavlink = ardupilotmega.MAVLink(None, srcSystem=index + 1)
     with open(path, 'wb') as file:

@@ -36,8 +36,9 @@ def advise(flight: FlownFlight, uavs: Mapping[str, UavErrors], ways: Array) -> l
     late = {name: errors.delay_s for index, (name, errors) in enumerate(uavs.items())
             if errors.delay_s > _DELAY_S and _is_constant(flight, index)}
     if late:
-        advice.append(f'start_delay: {max(late.values()):.2f} more, as ' + ', '.join(
-            f'{name} is {delay:.2f} s behind its plan all the way' for name, delay in late.items()))
+        behind = ', '.join(f'{name} {delay:.2f} s' for name, delay in late.items())
+        advice.append(f'start_delay: {max(late.values()):.2f} more (behind the plan all the way: '
+                      f'{behind})')
     return [*advice, *_find_lagging(flight, ways)]
 
 

@@ -141,7 +141,7 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 def find_delay(positions: Array, course: Course, uav: int) -> float:
     """
-    Return the time in s by which a UAV is behind its course; NaN for a UAV that stays in place.
+    Return the time in s by which a UAV is behind its course; NaN if nothing tells.
 
     :param positions: (K, 2) in m at the times of the course in steps of STEP_S; NaN in gaps.
     """
@@ -149,8 +149,11 @@ def find_delay(positions: Array, course: Course, uav: int) -> float:
     if np.ptp(planned, axis=0).max() < _LEFT_M or not np.isfinite(positions).any():
         return math.nan
     lags, means, weights = _measure_lags([positions], course, [uav], False)
-    means[weights < _LEAST_OVERLAP * weights.max()] = np.inf
-    return _refine_lag(lags, means, int(np.argmin(means))) + course.begin
+    means[weights < _LEAST_OVERLAP / 2 * weights.max()] = np.inf
+    best = int(np.argmin(means))
+    if not np.isfinite(means[max(best - 1, 0):best + 2]).all():
+        return math.nan  # The delay is longer than can be told.
+    return _refine_lag(lags, means, best) + course.begin
 
 
 def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], is_moved: bool

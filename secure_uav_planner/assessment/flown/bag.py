@@ -163,7 +163,7 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
     origin_ns, arrival_ns = int(headers.min()), int(stamps.min())
 
     def to_clock(times_ns: Any) -> Any:
-        """Return times of the clock in the headers, which differs from the arrival if simulated."""
+        """Return times of the headers' clock, which may be simulated, at times of arrival."""
         return np.interp(np.asarray(times_ns) - arrival_ns, stamps[order] - arrival_ns,
                          headers[order] - origin_ns)
 

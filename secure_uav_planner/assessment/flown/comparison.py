@@ -15,7 +15,7 @@ from .closest import Closest, find_fence, find_separation, find_zone
 from .errors import measure_errors, UavErrors
 from .flight import FlownFlight
 from ...errors import name_missing_package, OptionError
-from ...mission import OBJECTIVES
+from ...mission import Objective, OBJECTIVES
 from ...mission.fields import check_argument, checked_truth, Choice
 from ...mission.scenario import Array, read_only
 from ...mission.validation import checked_kind
@@ -36,7 +36,8 @@ A broken slot has less than planned by BROKEN of the slot's rate plus NEGLIGIBLE
 A delay of 0.3 s changes the rates of slots by up to 2% where UAVs fly fast.
 """
 
-_NODE_RATES = (channel.guaranteed_node_rates, channel.worst_case_node_rates)  # Of OBJECTIVES.
+_NODE_RATES: dict[Objective, Callable[..., Array]] = {
+    'guaranteed': channel.guaranteed_node_rates, 'worst_case': channel.worst_case_node_rates}
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +188,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     """
     Compare a flight with its plan.
 
-    :param plan: the Plan that the flight was read for, or a replan of it that was flown.
+    :param plan: the Plan that the flight was read for, or a replan in the same flight.
     :param flight: a FlownFlight by read_flight. Each slot of a flight with replans is compared
         with the plan that was in force.
     :raises OptionError: for anything else.
@@ -201,12 +202,12 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     measured = {uav.name: measure_errors(flight, index)
                 for index, uav in enumerate(plan.scenario.uavs)}
     covered = _find_covered(flight)
-    achieved, planned = (np.zeros((len(OBJECTIVES), len(plan.shares), plan.scenario.slots))
+    achieved, planned = ({kind: np.zeros(plan.shares.shape) for kind in OBJECTIVES}
                          for _ in range(2))
     promised = np.zeros(plan.scenario.slots, bool)
     for leg, slots in flight.course.split_slots():
         promised[slots] = leg.promised_slots[slots]
-        for kind, find_rates in enumerate(_NODE_RATES):
+        for kind, find_rates in _NODE_RATES.items():
             for rates, chosen, state_at in (
                     (planned, slots, _plan_state(leg, slots)),
                     (achieved, slots[covered[slots]],
@@ -216,8 +217,8 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     return Comparison(
         flight, {name: errors for name, (errors, _) in measured.items()},
         find_separation(flight), find_zone(flight), find_fence(flight), covered,
-        promised, dict(zip(OBJECTIVES, map(read_only, achieved), strict=True)),
-        dict(zip(OBJECTIVES, map(read_only, planned), strict=True)),
+        promised, {kind: read_only(rates) for kind, rates in achieved.items()},
+        {kind: read_only(rates) for kind, rates in planned.items()},
         read_only(np.stack([way for _, way in measured.values()])))
 
 

@@ -50,7 +50,7 @@ class Course(NamedTuple):
     def split_slots(self) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
         """Yield each plan with the indices of the slots in whose middle it is in force."""
         scenario = self.last.scenario
-        numbers = self._choose((np.arange(scenario.slots) + 1.5) * scenario.slot_duration)
+        numbers = self._choose(scenario.times[1:-1] + scenario.slot_duration / 2)
         for number, plan in enumerate(self.plans):
             yield plan, np.flatnonzero(numbers == number)
 

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 
 from .alignment import find_delay, STEP_S
 from .flight import find_jumps, FlownFlight
@@ -12,6 +11,8 @@ from ...mission.scenario import Array
 from ...model.curve import integrate_powers
 
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
+_MOVING = 0.05  # Share of the largest speed below which a plan hovers.
+_PROJECTIONS = 5  # Steps, each of at most 1 s, from the place at a time to the nearest one.
 _WH = 3600.0  # J
 
 
@@ -29,6 +30,7 @@ class UavErrors(NamedTuple):
     :ivar cross_track_max_m: largest distance from the way.
     :ivar cross_track_max_time_s: time of the largest distance from the way, from point 0.
     :ivar cross_track_mean_m: mean distance to the left of the way, negative to the right.
+    :ivar offset_m: mean distance (x, y) from the plan at the time `delay_s` before.
     :ivar height_error_max_m: largest difference of heights.
     :ivar speed_max_m_s: largest speed that was flown.
     :ivar acceleration_max_m_s2: largest acceleration that was flown.
@@ -51,6 +53,7 @@ class UavErrors(NamedTuple):
     cross_track_max_m: float
     cross_track_max_time_s: float
     cross_track_mean_m: float
+    offset_m: tuple[float, float]
     height_error_max_m: float
     speed_max_m_s: float
     acceleration_max_m_s2: float
@@ -69,49 +72,62 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
     distances = np.linalg.norm(flown[:, :2] - planned, axis=1)
-    sides = measure_sides(flown[:, :2], planned)
+    delay, known = find_delay(flown[:, :2], flight.course, index), flight.covered[index]
+    sides = _measure_sides(flight, index, delay)
     ways = np.abs(sides)
     worst, farthest = _find_largest(distances), _find_largest(ways)
-    inside = ways[np.isfinite(ways)]
-    quantiles = np.quantile(inside, [0.95, 0.99]).tolist() if len(inside) else [math.nan] * 2
     speed, acceleration, energy = _measure_motion(flight, index)
+    behind = flight.course.at(times - np.nan_to_num(delay)).positions[index]
     energies = flight.plan.energies[index]
     joules = _take_battery(flight, index)
     return UavErrors(
-        find_delay(flown[:, :2], flight.course, index), _find_rms(distances), distances[worst],
-        times[worst], _find_rms(ways), *quantiles, ways[farthest], times[farthest],
-        float(np.mean(sides[np.isfinite(sides)])) if len(inside) else math.nan,
-        _find_maximum(np.abs(flown[:, 2] - uav.altitude)), speed, acceleration,
-        _find_gap(np.isfinite(flown[:, 0])),
-        tuple(time for _, time in find_jumps(log, clock, times)),
-        energy, math.nan if energies is None else energies.total, joules / _WH, joules / energy,
-        _measure_setpoints(flight, index, planned)), ways
+        delay_s=delay,
+        error_rms_m=_find_rms(distances),
+        error_max_m=distances[worst], error_max_time_s=times[worst],
+        cross_track_rms_m=_find_rms(ways),
+        cross_track_95_m=_find_quantile(ways, 0.95), cross_track_99_m=_find_quantile(ways, 0.99),
+        cross_track_max_m=ways[farthest], cross_track_max_time_s=times[farthest],
+        cross_track_mean_m=_find_mean(sides),
+        offset_m=(_find_mean(flown[:, 0] - behind[:, 0]), _find_mean(flown[:, 1] - behind[:, 1])),
+        height_error_max_m=_find_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
+        speed_max_m_s=speed, acceleration_max_m_s2=acceleration,
+        gap_max_s=_find_gap(known),
+        jumps_s=tuple(time for _, time in find_jumps(log, clock, times)),
+        energy_j=energy, planned_energy_j=math.nan if energies is None else energies.total,
+        battery_wh=joules / _WH, battery_factor=joules / energy,
+        setpoint_error_rms_m=_measure_setpoints(flight, index, planned)), ways
 
 
-def measure_sides(positions: Array, way: Array) -> Array:
+def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
     """
-    Return the distances of positions (K, 2) from a way (M, 2) in m, positive on its left, (K,).
+    Return the distances of a UAV from its way at flight.times, (K,) in m; NaN in gaps.
 
-    A position that is NaN has the distance NaN.
+    They are positive on the left of the way. Where the plan hovers, the distance from its place
+    counts.
     """
-    sides, known = np.full(len(positions), np.nan), np.isfinite(positions[:, 0])
-    moves = np.diff(way, axis=0)
-    moving = np.linalg.norm(moves, axis=1) > 0
-    begins, moves = (way[:-1][moving], moves[moving]) if moving.any() else (way[:1], moves[:1])
-    tree = shapely.STRtree(shapely.linestrings(np.stack([begins, begins + moves], axis=1)))
-    (_, nearest), distances = tree.query_nearest(
-        shapely.points(positions[known]), return_distance=True, all_matches=False)
-    offsets, along = positions[known] - begins[nearest], moves[nearest]
-    is_right = along[:, 0] * offsets[:, 1] < along[:, 1] * offsets[:, 0]
-    sides[known] = np.where(is_right, -distances, distances)
-    return sides
+    flown = np.nan_to_num(flight.positions[index, :, :2])
+    fast = flight.plan.scenario.uavs[index].max_speed
+    times = flight.times - np.nan_to_num(delay)
+    for number in range(_PROJECTIONS + 1):
+        motion = flight.course.at(times)
+        offsets = flown - motion.positions[index]
+        velocity = motion.velocities[index]
+        squares = (velocity**2).sum(axis=1)
+        is_moving = squares > (_MOVING * fast)**2
+        if number < _PROJECTIONS:  # Go to the point of the way beside the UAV.
+            ahead = (offsets * velocity).sum(axis=1) / np.maximum(squares, 1e-9)
+            times = times + np.where(is_moving, np.clip(ahead, -1.0, 1.0), 0.0)
+    headings = motion.headings[index]
+    sides = offsets[:, 1] * np.cos(headings) - offsets[:, 0] * np.sin(headings)
+    sides = np.where(is_moving, sides, np.copysign(np.linalg.norm(offsets, axis=1), sides))
+    return np.where(flight.covered[index], sides, np.nan)
 
 
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
     """Return the largest speed in m/s and acceleration in m/s^2, and the energy in J."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     known = clock[np.isfinite(clock)]
-    # The limits and the energy count in the time of the vehicle, which goes on in a pause.
+    # Speeds and energy count in the vehicle's time: in a pause the plan's time stands.
     times = np.arange(known[0], known[-1], STEP_S) if len(known) else np.zeros(0)
     if len(times) < 2:
         return math.nan, math.nan, math.nan
@@ -121,8 +137,8 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
     whole = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
     energy = math.nan if uav.propulsion is None else float(integrate_powers(
         (uav,), velocities[:-1][whole][None], velocities[1:][whole][None], STEP_S).sum())
-    return (_find_maximum(np.linalg.norm(velocities, axis=1)),
-            _find_maximum(changes) / (window * STEP_S), energy)
+    return (_find_quantile(np.linalg.norm(velocities, axis=1), 1.0),
+            _find_quantile(changes, 1.0) / (window * STEP_S), energy)
 
 
 def _take_battery(flight: FlownFlight, index: int) -> float:
@@ -154,13 +170,18 @@ def _find_gap(known: Array) -> float:
     return float(max((last - first for first, last in edges.reshape(-1, 2)), default=0) * STEP_S)
 
 
-def _find_rms(values: Array) -> float:
+def _find_mean(values: Array) -> float:
     inside = values[np.isfinite(values)]
-    return float(np.sqrt((inside**2).mean())) if len(inside) else math.nan
+    return float(inside.mean()) if len(inside) else math.nan
 
 
-def _find_maximum(values: Array) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+def _find_rms(values: Array) -> float:
+    return math.sqrt(_find_mean(values**2))
+
+
+def _find_quantile(values: Array, share: float) -> float:
+    inside = values[np.isfinite(values)]
+    return float(np.quantile(inside, share)) if len(inside) else math.nan
 
 
 def _find_largest(values: Array) -> int:

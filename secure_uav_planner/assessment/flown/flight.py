@@ -89,7 +89,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
 
     :param source: a file with all UAVs (a bag, .mcap, .db3, .csv), or for a single UAV any log; or
         a mapping from the names of UAVs to .ulg, .BIN, .tlog, .csv or .tum.
-    :param plan: the plan that was flown; of a bag with replans, any of them.
+    :param plan: the plan that was flown; of a bag with replans, any plan of the flight.
     :param at: where the time of the plan is taken from: 'plan_time' of a bag, 'utc', 'takeoff'
         (when each vehicle leaves its place) or 'fit' (the least squared distance); by default the
         first of these that all logs have.

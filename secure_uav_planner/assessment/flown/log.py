@@ -17,6 +17,8 @@ _BACKWARDS_S = 1.0  # Samples may come in another order within this time.
 _JUMP_M = 1.0  # Least jump of a position that is noticed.
 _NOISE = 8.0  # A jump is larger than this factor times the median irregularity of a log.
 _AGILITY = 20.0  # Largest acceleration in m/s^2 that is no jump.
+_SAME_S = 1e-6  # Times that differ by less are equal.
+_SHORT_S = 0.2  # A shorter step with a jump is no gap.
 _SAME_JUMP_S = 0.5  # A jump that a log tells is noticed in its positions within this time.
 
 Samples = tuple[Array, Array]
@@ -85,29 +87,39 @@ class VehicleLog:
         return replace(self, positions=self.positions + shift, setpoints=setpoints)
 
     def positions_at(self, times: Array) -> Array:
-        """Return positions (L, 3) in m at times of the log's clock; NaN in gaps and at jumps."""
+        """Return positions (L, 3) in m at times of the log's clock; NaN in gaps."""
         positions = _interpolate(times, self.times, self.positions)
         positions[~self._covers(times)] = np.nan
         return positions
 
     def velocities_at(self, times: Array) -> Array:
-        """Return velocities (L, 2) in m/s at increasing times of the log's clock; NaN in gaps."""
+        """
+        Return velocities (L, 2) in m/s at times of the log's clock.
+
+        :param times: increasing, (L,) in s.
+        :return: NaN in gaps; in a log without velocities at jumps, too.
+        """
         positions = self.positions_at(times)[:, :2]
-        if self.velocities is None:
-            return np.asarray(np.gradient(positions, times, axis=0))
-        velocities = _interpolate(times, self.times, self.velocities)
-        velocities[np.isnan(positions[:, 0])] = np.nan
-        return velocities
+        if self.velocities is not None:
+            velocities = _interpolate(times, self.times, self.velocities)
+            velocities[np.isnan(positions[:, 0])] = np.nan
+            return velocities
+        velocities = np.gradient(positions, times, axis=0)
+        for jump in self.jumps:
+            velocities[np.abs(times - jump) <= 2 * np.diff(times).max()] = np.nan
+        return np.asarray(velocities)
 
     def _covers(self, times: Array) -> NDArray[np.bool_]:
-        """Tell which times lie on a sample, or between two without a gap and without a jump."""
+        """Return whether a position is known at times (L,): on a sample, and not in a gap."""
         steps = np.diff(self.times)
         is_whole = steps <= LONGEST_GAP
         jumps = np.searchsorted(self.times, self.jumps, 'right') - 1
-        is_whole[jumps[(jumps >= 0) & (jumps < len(steps))]] = False
+        jumps = jumps[(jumps >= 0) & (jumps < len(steps))]
+        is_whole[jumps[steps[jumps] > _SHORT_S]] = False
         index = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(steps) - 1)
-        return np.asarray((times >= self.times[0]) & (times <= self.times[-1])
-                          & (is_whole[index] | np.isin(times, self.times)))
+        apart = np.abs(times - self.times[[index, index + 1]]).min(axis=0)
+        is_inside = (times >= self.times[0]) & (times <= self.times[-1]) & is_whole[index]
+        return np.asarray(is_inside | (apart < _SAME_S))
 
 
 def _interpolate(times: Array, samples: Array, values: Array) -> Array:
@@ -124,8 +136,8 @@ def _find_jumps(times: Array, positions: Array) -> list[float]:
     velocities = (moves[:-2] + moves[2:]) / (steps[:-2] + steps[2:])[:, None]
     errors = np.linalg.norm(moves[1:-1] - velocities * steps[1:-1, None], axis=1)
     allowed = max(_JUMP_M, _NOISE * float(np.median(errors))) + _AGILITY * steps[1:-1]**2
-    # The steps beside a jump differ from their neighbours, too, by half of it.
-    is_largest = (errors >= np.append(0.0, errors[:-1])) & (errors >= np.append(errors[1:], 0.0))
+    # A jump makes the steps beside it irregular, by half of the jump.
+    is_largest = errors >= np.maximum(np.append(0.0, errors[:-1]), np.append(errors[1:], 0.0))
     return [float(time) for time in times[1:-2][(errors > allowed) & is_largest]]
 
 
@@ -154,7 +166,7 @@ def silence() -> Iterator[None]:
 
 def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[bytes]) -> None:
     """
-    Refuse a file without a magic at an offset: libraries search all of it, byte by byte.
+    Refuse a file without a magic at an offset: a library would search it byte by byte.
 
     :raises LogFileError: for a file without any of the magics, which are equally long.
     """

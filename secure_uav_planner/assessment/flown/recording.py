@@ -52,7 +52,7 @@ def read_recording(source: PathLike | Mapping[str, PathLike], plan: Plan) -> Rec
         path = Path(checked_path(source))
         if path.is_dir() or path.suffix.lower() in (*_BAGS, '.csv'):
             with refuse_damage(path), silence():
-                path.stat()  # Its error is told, whatever the library raises.
+                path.stat()  # Raises an error if there is no such file.
                 if path.suffix.lower() == '.csv':
                     logs, course = read_csv(path, names), Course((plan,))
                 else:
@@ -84,7 +84,7 @@ def _read_log(path: Path, name: str) -> VehicleLog:
     with refuse_damage(path), silence():
         if path.is_dir():
             raise LogFileError('it is a folder')
-        path.stat()  # Its error is told, whatever the library raises.
+        path.stat()  # Raises an error if there is no such file.
         if kind == '.csv':
             logs = read_csv(path, (name,))
             if name not in logs:
