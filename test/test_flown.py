@@ -8,16 +8,15 @@ import random
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    assess, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Propulsion, Scenario, solve, World)
+    assess, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario,
+    solve, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment.flown import compare, read_flight
-from secure_uav_planner.errors import LogFileError, OptionError, PlanningError
-from secure_uav_planner.model import channel
+from secure_uav_planner.errors import LogFileError, OptionError
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from studies.flown.logs import (
-    find_powers, fly, write_bag, write_csv, write_dataflash, write_telemetry, write_tum,
-    write_ulog)
+    fly, write_bag, write_csv, write_dataflash, write_telemetry, write_tum, write_ulog)
 
 DELAY, OFFSET = 0.3, 0.8
 START_NS = 1_795_743_002_000_000_000
@@ -326,3 +325,64 @@ def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, tmp_pat
         read_flight(tmp_path / 'bag', replace(plan, start_ns=0))
     with pytest.raises(OptionError, match='flight is of the plan'):
         compare(plan, read_flight(tmp_path / 'bag', later))
+
+
+def hover(plan, places):
+    """Return the track of UAVs that stand at places (x, y, z) in m."""
+    track = fly(plan, 0.0, 0.0)
+    return replace(track, positions=np.broadcast_to(
+        np.array(places)[:, None], track.positions.shape), velocities=0.0 * track.velocities)
+
+
+def test_distances_count_heights_and_energy_the_time_in_the_air(plan, tmp_path):
+    zone = NoFlyZone(((80.0, 480.0), (95.0, 480.0), (95.0, 520.0), (80.0, 520.0)), ceiling=90.0)
+    scenario = replace(plan.scenario, separation=0.0, no_fly_zones=(zone,), uavs=tuple(
+        replace(uav, propulsion=Propulsion()) for uav in plan.scenario.uavs))
+    planned = replace(plan, scenario=scenario)
+    for height, expected in ((100.0, None), (90.0, 3.0)):
+        write_csv(hover(planned, [(98.0, 500.0, height), (118.0, 500.0, 115.0)]),
+                  tmp_path / 'flight.csv', START_NS * 1e-9)
+        comparison = compare(planned, read_flight(
+            tmp_path / 'flight.csv', planned, shifts=dict.fromkeys(ORIGINS, (0.0, 0.0))))
+        assert comparison.separation.distance == pytest.approx(math.hypot(20.0, 115.0 - height))
+        assert (comparison.zones.distance if comparison.zones else None) == (
+            expected and pytest.approx(expected))
+        seconds = plan.curve.end - plan.curve.begin
+        for errors in comparison.uavs.values():
+            assert errors.energy_j == pytest.approx(
+                scenario.uavs[0].propulsion.power(np.zeros(1))[0] * seconds, rel=2e-3)
+        assert comparison.uavs['uav2'].height_error_max_m == pytest.approx(
+            abs(115.0 - scenario.uavs[1].altitude))
+
+
+def test_each_of_several_nodes_gets_what_an_integral_of_its_own_says(tmp_path):
+    mission = replace(Scenario.paper(110.0, slots=22), ground_nodes=(
+        GroundNode((0.0, 0.0), name='farm'), GroundNode((100.0, -200.0), name='barn')))
+    plan = replace(fly_hover_fly(mission), start_ns=START_NS)
+    track = fly(plan, 0.3, 0.8, after=-32.0)
+    write_csv(track, tmp_path / 'flight.csv', START_NS * 1e-9)
+    comparison = compare(plan, read_flight(tmp_path / 'flight.csv', plan))
+    last = int(track.times[-1] / 5.0) - 1
+    assert comparison.covered.tolist() == [True] * last + [False] * (22 - last)
+    places, totals = [(0.0, 0.0), (100.0, -200.0)], np.zeros(2)
+    step, snr = 0.05, 10.0**8
+    for time in np.arange(5.0 + step / 2, 5.0 * (last + 1), step):
+        slot = int(time / 5.0) - 1
+        uavs = [[np.interp(time, track.times, column) for column in path.T]
+                for path in track.positions]
+        watts = plan.powers[:, slot]
+
+        def rate(squares):
+            return math.log2(1 + snr * watts[0] / squares[0] / (
+                1 + snr * watts[1] / squares[1]))
+
+        def squares(place, shrink, grow):
+            level = [math.hypot(x - place[0], y - place[1]) for x, y, _ in uavs]
+            return [max(level[0] - shrink, 0.0)**2 + uavs[0][2]**2,
+                    (level[1] + grow)**2 + uavs[1][2]**2]
+
+        leak = rate(squares((200.0, 0.0), 10.0, 10.0))
+        totals += step * plan.shares[:, slot] * [
+            rate(squares(place, 0.0, 0.0)) - leak for place in places]
+    assert snr == 10.0**(mission.reference_snr_db / 10.0) and totals.min() > 0.5
+    assert comparison.delivered() == pytest.approx(totals, rel=0.02)

@@ -81,6 +81,7 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) 
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
+    """Return the Shift of a log by the reports on plan_time; raise LogFileError without any."""
     if log.plan_times is None:
         raise LogFileError('it has no plan_time of this plan')
     delays = np.subtract(*log.plan_times)
@@ -89,6 +90,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
+    """Return the Shift by when vehicles and plan leave their first places."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
@@ -202,10 +204,12 @@ def _correlate(values: Array, kernel: Array) -> Array:
 
 
 def _sample_times(course: Course) -> Array:
+    """Return the times [s] of a course in steps of STEP_S, (K,)."""
     return np.arange(course.begin, course.end + STEP_S / 2, STEP_S)
 
 
 def _begins_at_rest(log: VehicleLog) -> bool:
+    """Return whether the vehicle of a log stands at first."""
     begin = log.positions[log.times <= log.times[0] + _REST_S, :2]
     return bool(np.linalg.norm(begin - begin[0], axis=1).max() < _REST_M)
 

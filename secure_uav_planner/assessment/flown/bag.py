@@ -202,6 +202,7 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
 
 
 def _nanoseconds(stamp: Any) -> int:
+    """Return a stamp in ns."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 

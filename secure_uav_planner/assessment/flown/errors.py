@@ -171,15 +171,18 @@ def _find_gap(known: Array) -> float:
 
 
 def _find_mean(values: Array) -> float:
+    """Return the mean of values without NaN; NaN if there is none."""
     inside = values[np.isfinite(values)]
     return float(inside.mean()) if len(inside) else math.nan
 
 
 def _find_rms(values: Array) -> float:
+    """Return the root mean square of values without NaN; NaN if there is none."""
     return math.sqrt(_find_mean(values**2))
 
 
 def _find_quantile(values: Array, share: float) -> float:
+    """Return a quantile of values without NaN; NaN if there is none."""
     inside = values[np.isfinite(values)]
     return float(np.quantile(inside, share)) if len(inside) else math.nan
 

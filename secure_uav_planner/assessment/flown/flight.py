@@ -16,7 +16,7 @@ from ...errors import LogFileError
 from ...mission import TIME_SOURCES, TimeSource
 from ...mission.fields import check_argument, Choice
 from ...mission.scenario import Array, read_only
-from ...mission.validation import checked_kind
+from ...mission.validation import checked_array, checked_kind
 from ...plan.plan import Plan
 
 _DOUBTFUL_S = 2.0  # A fitted time that differs by more is worth a note.
@@ -61,12 +61,13 @@ class FlownFlight:
 
     def at(self, times: Array) -> Array:
         """Return positions at times (K,) in s from point 0, (U, K, 2) in m; NaN in gaps."""
+        times = checked_array('times', times, (None,))
         return np.stack([[np.interp(times, self.times, column) for column in path.T[:2]]
                          for path in self.positions]).swapaxes(1, 2)
 
     def powers_at(self, times: Array) -> Array | None:
         """Return powers set at times (K,) in s from point 0, (U, K) in W; None if not logged."""
-        rows = []
+        times, rows = checked_array('times', times, (None,)), []
         for log, clock in zip(self.logs.values(), self.clocks, strict=True):
             if log.powers is None:
                 return None

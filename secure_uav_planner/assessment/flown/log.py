@@ -123,6 +123,7 @@ class VehicleLog:
 
 
 def _interpolate(times: Array, samples: Array, values: Array) -> Array:
+    """Return values (K, D) of samples at times (L,), (L, D)."""
     return np.stack([np.interp(times, samples, column) for column in values.T], axis=-1)
 
 

@@ -23,7 +23,7 @@ _CLOSE_FIT = 0.05  # A fit is close if its RMS is below this share of the extent
 def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: object
                ) -> tuple[dict[str, VehicleLog], set[str]]:
     """
-    Return logs moved into the plan's frame, and the names of the UAVs whose frame has a known place.
+    Return logs moved into the plan's frame, and the names of UAVs whose frame has a known place.
 
     :param shifts: by UAV, the place (x, y) in m of its log's origin, or None. Without it, the
         origins on Earth of the log and of the mission count.

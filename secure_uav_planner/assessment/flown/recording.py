@@ -49,7 +49,10 @@ def read_recording(source: PathLike | Mapping[str, PathLike], plan: Plan) -> Rec
     """
     names = tuple(uav.name for uav in plan.scenario.uavs)
     if not isinstance(source, Mapping):
-        path = Path(checked_path(source))
+        if not isinstance(source, (str, os.PathLike)):
+            raise OptionError(f'source is {quote(source)}; it must be a path, or a mapping of '
+                              'paths', ('source',))
+        path = Path(source)
         if path.is_dir() or path.suffix.lower() in (*_BAGS, '.csv'):
             with refuse_damage(path), silence():
                 path.stat()  # Raises an error if there is no such file.
@@ -77,6 +80,7 @@ def read_recording(source: PathLike | Mapping[str, PathLike], plan: Plan) -> Rec
 
 
 def _read_log(path: Path, name: str) -> VehicleLog:
+    """Return the log of one UAV, read by the ending of the file."""
     kind = path.suffix.lower()
     if kind not in (*_READERS, '.csv'):
         raise LogFileError(f'{path} has the ending {quote(path.suffix)}; it must be one of '

@@ -46,6 +46,7 @@ def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _to_enu(data: Any, *names: str) -> Array:
+    """Return columns named north, east and down as east, north and up, (K, 3)."""
     north, east, down = (np.asarray(data[name], float) for name in names)
     return np.stack([east, north, -down], axis=-1)
 
@@ -88,6 +89,7 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
+    """Return times [s] and the energy [J] used since the first, or None without data."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
