@@ -36,7 +36,10 @@ def draw_comparison(comparison: Any) -> Picture:
     for panel in (errors, rates):
         style_axes(panel)
         panel.legend(fontsize=8, frameon=False)
-    add_legend(area)
+    if height > width:
+        add_legend(area)
+    else:  # The map takes all of the width.
+        add_legend(area, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4)
     return figure
 
 
