@@ -58,6 +58,7 @@ OPTIONAL = {
     'test_fly.py': ['rotorpy'],
     'test_measured.py': ['casadi'],
     'test_page.py': ['plotly', 'selenium'],
+    'test_parsers.py': ['pymavlink', 'pyulog'],
     'test_relay.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],
     'test_new_and_check.py': ['plotly'],

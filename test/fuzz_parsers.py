@@ -13,17 +13,9 @@ import tempfile
 
 import atheris
 
-with atheris.instrument_imports(include=['secure_uav_planner']):
-    from secure_uav_planner import Origin, Plan, read_zones, Scenario
-    from secure_uav_planner.apps.campaign_file import load_campaign
+with atheris.instrument_imports(include=['secure_uav_planner', 'pyulog', 'pymavlink']):
+    import parsers
     from secure_uav_planner.errors import PlanningError
-
-ORIGIN = Origin(47.4, 8.5)
-READERS = {
-    'mission.yaml': Scenario.load, 'mission.json': Scenario.load, 'campaign.yaml': load_campaign,
-    'zones.geojson': lambda path: read_zones(path, ORIGIN),
-    'zones.kml': lambda path: read_zones(path, ORIGIN),
-    'zones.plan': lambda path: read_zones(path, ORIGIN), 'plan.json': Plan.load}
 
 
 def main():
@@ -34,11 +26,11 @@ def main():
     def read(data):
         file.write_bytes(data)
         try:
-            READERS[kind](file)
+            parsers.READERS[kind](file)
         except PlanningError:
             pass
 
-    atheris.Setup([*sys.argv, '-timeout=2', '-rss_limit_mb=1024'], read)
+    atheris.Setup([sys.argv[0], '-timeout=2', '-rss_limit_mb=1024', *sys.argv[1:]], read)
     atheris.Fuzz()
 
 

@@ -16,6 +16,7 @@ from ...mission.scenario import Array
 STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
 
+_LONGEST_S = 86400.0  # Longest log of a fit, which takes memory for each STEP_S of it.
 _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
 _APART_S = 2.0  # Time within which two minima of a fit are taken as one.
 _ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below _ALIKE * RMS + _ALIKE_M.
@@ -110,10 +111,15 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     Return the shift with the least mean squared distance of logs from a plan.
 
     :param is_moved: whether the frame of each log may lie anywhere.
-    :raises LogFileError: where two shifts are alike, as after several flights of one plan.
+    :raises LogFileError: where two shifts are alike, as after several flights of one plan, or a
+        log is longer than a day.
     """
     first = min(log.times[0] for log in logs)
-    count = math.ceil((max(log.times[-1] for log in logs) - first) / STEP_S) + 1
+    length = max(log.times[-1] for log in logs) - first
+    if length > _LONGEST_S:
+        raise LogFileError(f'it spans {length / 3600:.3g} h and a fit takes at most '
+                           f'{_LONGEST_S / 3600:g} h; cut the log to one flight')
+    count = math.ceil(length / STEP_S) + 1
     clock = first + STEP_S * np.arange(count)
     lags, means, weights = _measure_lags(
         [log.positions_at(clock)[:, :2] for log in logs], course, uavs, is_moved)

@@ -20,8 +20,19 @@ _GUIDED = 4  # Mode number of a Copter.
 def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
     """Return the log of a vehicle, of the estimator's core 0; NED becomes east, north, up."""
     from pymavlink.DFReader import DFReader_binary  # Here, since few need it.
+
+    class Reader(DFReader_binary):  # type: ignore[misc]
+        """A reader that refuses messages of no length, which pymavlink reads for ever."""
+
+        def _parse_next(self) -> Any:
+            begin = self.offset
+            message = super()._parse_next()
+            if message is not None and self.offset <= begin:
+                raise LogFileError(f'the format of {message.get_type()} has a length below 3')
+            return message
+
     check_magic(path, 0, [b'\xa3\x95'])
-    reader = DFReader_binary(os.fspath(path))
+    reader = Reader(os.fspath(path))
     try:
         return _read(reader)
     finally:
