@@ -283,7 +283,12 @@ class Dual:
         return terms
 
     def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
-        """Return value, gradient and Hessian of the groups' smoothed maxima of two branches."""
+        """
+        Return the sum over all slots of the smoothed larger branch, with derivatives.
+
+        The derivatives are a gradient (G, F) and a Hessian (G, F, F) for each group; they are not
+        valid unless `second`.
+        """
         values, grads, hessians = self._branches(point, second)
         top = values.max(0)
         mix = np.exp((values - top) / self.tau)
