@@ -386,3 +386,33 @@ def test_each_of_several_nodes_gets_what_an_integral_of_its_own_says(tmp_path):
             rate(squares(place, 0.0, 0.0)) - leak for place in places]
     assert snr == 10.0**(mission.reference_snr_db / 10.0) and totals.min() > 0.5
     assert comparison.delivered() == pytest.approx(totals, rel=0.02)
+
+
+def test_a_promise_ends_where_the_flight_is_late_for_receivers_that_move(plan, tmp_path):
+    predicted = replace(plan, promised_until=100.0)
+    for late, promised in ((0.0, predicted.promised_slots.sum()), (0.5, 0)):
+        write_bag(fly(predicted, late, 0.0), tmp_path / f'bag{late}', late=late)
+        comparison = compare(predicted, read_flight(tmp_path / f'bag{late}', predicted))
+        assert comparison.promised.sum() == promised
+        assert all(errors.delay_s == pytest.approx(0.0, abs=0.02)
+                   for errors in comparison.uavs.values())
+
+
+def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):
+    track = fly(plan, DELAY, 0.0, before=60.0)
+    home = np.clip((-20.0 - track.times) / 20.0, 0.0, 1.0)[:, None] * (-30.0, 10.0)
+    positions = track.positions.copy()
+    positions[..., :2] += home
+    write_csv(replace(track, positions=positions), tmp_path / 'flight.csv')
+    for at in ('takeoff', 'fit'):
+        flight = read_flight(tmp_path / 'flight.csv', plan, at=at)
+        assert flight.shifts['uav1'].seconds == pytest.approx(DELAY, abs=0.05)
+
+
+def test_x_and_y_that_are_swapped_are_told(plan, flight, tmp_path):
+    write_csv(replace(flight, positions=flight.positions[..., [1, 0, 2]]),
+              tmp_path / 'flight.csv', START_NS * 1e-9)
+    with pytest.raises(LogFileError, match='x and y fit when they are swapped'):
+        read_flight(tmp_path / 'flight.csv', plan)
+    with pytest.raises(LogFileError, match='no time fits'):
+        read_flight(tmp_path / 'flight.csv', plan, at='fit')

@@ -194,12 +194,13 @@ def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=Non
                 speed[0], 0.0))
 
 
-def write_bag(flight, path, plans=()):
+def write_bag(flight, path, plans=(), late=0.0):
     """
     Write a bag in MCAP of the topics that messages.md says to record.
 
     :param plans: (time, Plan) of each plan that is published and in force from a time in s on; by
         default the plan of the flight.
+    :param late: time in s by which the plan's time is behind the clock.
     """
     types = STORE.types
     stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
@@ -230,7 +231,7 @@ def write_bag(flight, path, plans=()):
                 _, plan = waiting.pop(0)
                 publish(time, types['std_msgs/msg/String'](data=make_text(plan, 'map')))
             report(time, types['sensor_msgs/msg/TimeReference'](
-                header=header, time_ref=stamp(time), source=f'{plan.identity} /replay'))
+                header=header, time_ref=stamp(time - late), source=f'{plan.identity} /replay'))
             for uav, (odometry, power) in enumerate(topics):
                 place, speed = flight.positions[uav, number], flight.velocities[uav, number]
                 pose = types['geometry_msgs/msg/Pose'](

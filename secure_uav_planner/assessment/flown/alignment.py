@@ -20,8 +20,10 @@ _LONGEST_S = 86400.0  # Longest log of a fit, which takes memory for each STEP_S
 _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
 _APART_S = 2.0  # Time within which two minima of a fit are taken as one.
 _ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below _ALIKE * RMS + _ALIKE_M.
+_POOR = 0.1  # Nothing fits where the RMS is above this share of the extent of the ways.
 _REST_S, _REST_M = 2.0, 0.5  # A vehicle begins at rest if it moves less than _REST_M in _REST_S.
 _LEFT_M, _FAR_M = 2.0, 10.0  # A vehicle leaves when it is _LEFT_M away, on its way to _FAR_M.
+_STOOD_S = 5.0  # A vehicle stands at its start this time before it is _LEFT_M away.
 _LEFT_S = 0.2  # Standard deviation of the time of leaving.
 _INDEPENDENT_S = 1.0  # Errors of a flight are independent after this time.
 
@@ -96,8 +98,9 @@ def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequen
     planned = course.at(times).positions
     shifts = []
     for log, uav in zip(logs, uavs, strict=True):
-        in_log = _find_departure(log.times, log.positions[:, :2])
-        in_plan = _find_departure(times, planned[uav])
+        start = planned[uav, 0]
+        in_plan = _find_departure(times, planned[uav], start)
+        in_log = _find_departure(log.times, log.positions[:, :2], start)
         if in_log is not None and in_plan is not None:
             shifts.append(in_log - in_plan)
     if not shifts:
@@ -135,6 +138,8 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     apart[~is_minimum] = np.inf
     second = int(np.argmin(apart))
     if math.sqrt(apart[second]) < _ALIKE * rms + _ALIKE_M:
+        if rms > _POOR * np.ptp(course.at(_sample_times(course)).positions, axis=1).max():
+            raise LogFileError(f'no time fits: it flies {rms:.0f} m RMS from the plan at best')
         raise LogFileError(
             f'two times fit alike: shifts of {lags[best]:.1f} s ({rms:.2f} m) and '
             f'{lags[second]:.1f} s ({math.sqrt(apart[second]):.2f} m); give --at utc, or cut the '
@@ -220,11 +225,18 @@ def _begins_at_rest(log: VehicleLog) -> bool:
     return bool(np.linalg.norm(begin - begin[0], axis=1).max() < _REST_M)
 
 
-def _find_departure(times: Array, positions: Array) -> float | None:
-    """Return the time in s at which a vehicle leaves its first place, or None if it stays."""
-    distances = np.linalg.norm(positions - positions[0], axis=1)
-    far = int(np.argmax(distances >= min(_FAR_M, distances.max())))
-    near = int(np.flatnonzero(distances[:far + 1] <= _LEFT_M)[-1])
+def _find_departure(times: Array, positions: Array, start: Array) -> float | None:
+    """Return the time in s at which a vehicle leaves a start, or None if it stays."""
+    for _ in range(2):
+        distances = np.linalg.norm(positions - start, axis=1)
+        if distances.min() > _LEFT_M:  # The frame is another: it leaves the place where it begins.
+            distances = np.linalg.norm(positions - positions[0], axis=1)
+        arrival = int(np.argmax(distances <= _LEFT_M))
+        most = min(_FAR_M, distances[arrival:].max())
+        far = arrival + int(np.argmax(distances[arrival:] >= most))
+        near = int(np.flatnonzero(distances[:far + 1] <= _LEFT_M)[-1])
+        # The second time, the place where the vehicle stood is the start.
+        start = positions[np.searchsorted(times, times[near] - _STOOD_S)]
     if near == far:
         return None
     return float(np.interp(_LEFT_M, distances[near:near + 2], times[near:near + 2]))

@@ -83,10 +83,11 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     return UavErrors(
         delay_s=delay,
         error_rms_m=_find_rms(distances),
-        error_max_m=distances[worst], error_max_time_s=times[worst],
+        error_max_m=float(distances[worst]), error_max_time_s=float(times[worst]),
         cross_track_rms_m=_find_rms(ways),
         cross_track_95_m=_find_quantile(ways, 0.95), cross_track_99_m=_find_quantile(ways, 0.99),
-        cross_track_max_m=ways[farthest], cross_track_max_time_s=times[farthest],
+        cross_track_max_m=float(ways[farthest]),
+        cross_track_max_time_s=float(times[farthest]),
         cross_track_mean_m=_find_mean(sides),
         offset_m=(_find_mean(flown[:, 0] - behind[:, 0]), _find_mean(flown[:, 1] - behind[:, 1])),
         height_error_max_m=_find_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
