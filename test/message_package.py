@@ -35,11 +35,13 @@ DEFINITIONS = {
         'OffboardControlMode': 'uint64 timestamp, bool position, bool velocity, '
                                'bool acceleration, bool attitude, bool body_rate, '
                                'bool thrust_and_torque, bool direct_actuator',
-        'VehicleOdometry': 'uint64 timestamp, uint64 timestamp_sample, uint8 pose_frame, '
+        'VehicleOdometry': 'uint32 MESSAGE_VERSION = 0, uint64 timestamp, '
+                           'uint64 timestamp_sample, uint8 pose_frame, '
                            'uint8 POSE_FRAME_NED = 1, float32[3] position, float32[4] q, '
                            'uint8 velocity_frame, uint8 VELOCITY_FRAME_NED = 1, '
                            'float32[3] velocity, float32[3] angular_velocity',
-        'VehicleLocalPosition': 'uint64 timestamp, bool xy_valid, uint8 xy_reset_counter, '
+        'VehicleLocalPosition': 'uint32 MESSAGE_VERSION = 1, uint64 timestamp, bool xy_valid, '
+                                'uint8 xy_reset_counter, '
                                 'uint8 z_reset_counter, bool xy_global, uint64 ref_timestamp, '
                                 'float64 ref_lat, float64 ref_lon'},
     'geographic_msgs': {

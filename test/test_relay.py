@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
     node_here, node_process, pose_message, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
-from secure_uav_planner.output.autopilots import STACKS
+from secure_uav_planner.output.autopilots import STACKS, TRIED_VERSIONS
 from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.relay.node import Relay
@@ -206,6 +206,16 @@ def test_a_stream_that_stops_is_held_without_speed_with_the_heartbeat_of_px4_and
         assert sum(last.timestamp in beats for last in held) >= 0.9 * len(held)
         # It goes on when they do.
         source.until(lambda: len(modes) > count + 3)
+
+
+def test_a_message_of_a_version_that_was_not_tried_is_told_at_the_start(packages, monkeypatch):
+    for tried, told in (((0,), False), ((1, 2), True)):
+        monkeypatch.setitem(TRIED_VERSIONS, 'px4_msgs/TrajectorySetpoint', tried)
+        with node_here('relay', stack='px4', uav1__reference='px4', **MISSION) as process:
+            assert has_said(process, 'ready: relays')
+            assert has_said(process, 'TrajectorySetpoint has version 0 and was tried with 1 and 2'
+                            ) == told
+            assert not has_said(process, 'VehicleLocalPosition has version')
 
 
 def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, client):

@@ -299,6 +299,11 @@ REFERENCES = {
         debian='ros-jazzy-geographic-msgs')}
 """Each ReferenceSource by its name."""
 
+TRIED_VERSIONS = {
+    'px4_msgs/TrajectorySetpoint': (0,), 'px4_msgs/VehicleOdometry': (0,),
+    'px4_msgs/VehicleLocalPosition': (0, 1)}
+"""The values of MESSAGE_VERSION that the conversions are for: px4_msgs of PX4 1.16 to 1.18."""
+
 
 def _header(setpoint: Setpoint) -> Fields:
     return {'frame_id': setpoint.frame_id, 'stamp': {

@@ -21,6 +21,7 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import rclpy
+from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension, String
@@ -31,7 +32,8 @@ from ..errors import brief, OptionError, ParameterError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Array, Scenario
-from ..output.autopilots import ReferenceSource, rotation, Setpoint, Stack, Vector
+from ..output.autopilots import (
+    ReferenceSource, rotation, Setpoint, Stack, TRIED_VERSIONS, Vector)
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, label_position, list_tracks, MARGIN, NO_FLY_ZONE, node_color,
     node_labels, uav_color)
@@ -230,6 +232,18 @@ def import_messages(parameter: str, value: str, source: Stack | ReferenceSource,
             way = f'ROS from wheels cannot have it; run the node with ROS from apt: {way}'
         raise ParameterError(f'parameter {parameter} is {value}: its message package '
                              f'{source.package} is missing ({brief(error, 100)}); {way}') from None
+
+
+def check_versions(node: Node, kinds: Iterable[str]) -> None:
+    """Log a warning for each message, by its name, with a version that was not tried."""
+    for kind in kinds:
+        version = getattr(message_class(kind), 'MESSAGE_VERSION', None)
+        tried = TRIED_VERSIONS.get(kind)
+        if version is not None and tried is not None and version not in tried:
+            node.get_logger().warning(
+                f'{kind} has version {version} and was tried with {" and ".join(map(str, tried))}'
+                f': other fields, and topics that end with _v{version}, are possible; build the '
+                'px4_msgs of your PX4, or try it in simulation first')
 
 
 def fill_message(message: Any, values: Mapping[str, Any]) -> Any:

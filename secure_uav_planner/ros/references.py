@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from .messages import import_messages
+from .messages import check_versions, import_messages
 from .settings import origin_from, Settings
 from .topics import LATCHED, OVERRIDABLE, SENSOR
 from ..errors import brief, PlanningError, PoseError
@@ -47,6 +47,7 @@ class LocalFrames:
                     f'where its frame begins has not come on {" or ".join(topics)}')
                 kind, = import_messages(
                     f'{name}.reference', settings[f'{name}.reference'], source, [source.kind])
+                check_versions(node, [source.kind])
                 callback = partial(self._on_message, name, source.read)
                 for topic in topics:
                     node.create_subscription(

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits, Stream
-from ..messages import diagnostic_status, fill_message, import_messages, read_setpoint
+from ..messages import check_versions, diagnostic_status, fill_message, import_messages, read_setpoint
 from ..parameters import RELAY, RELAY_MEMBERS
 from ..process import run_node
 from ..references import LocalFrames
@@ -43,6 +43,7 @@ class Relay(Node):
                  *self._stack.states]
         self._kinds = dict(zip([*self._stack.topics, *self._stack.states], import_messages(
             'stack', self._settings['stack'], self._stack, names), strict=True))
+        check_versions(self, names)
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
         self._is_enabled = True
         self._guard_by_uav = {name: Guard() for name in uavs}
