@@ -416,3 +416,17 @@ def test_x_and_y_that_are_swapped_are_told(plan, flight, tmp_path):
         read_flight(tmp_path / 'flight.csv', plan)
     with pytest.raises(LogFileError, match='no time fits'):
         read_flight(tmp_path / 'flight.csv', plan, at='fit')
+
+
+def test_a_log_of_another_time_covers_nothing_and_says_so(plan, flight, tmp_path, capsys):
+    later = replace(plan, start_ns=START_NS + 10**12)
+    later.save(tmp_path / 'plan.json')
+    source = str(write_logs(flight, 'csv', tmp_path))
+    command = ['assess', str(tmp_path / 'plan.json'), '--flown', source, '--at', 'utc',
+               '--shift', 'uav1=0,0', 'uav2=0,0']
+    assert main(command) == 3
+    assert 'not covered: slots 1 to 55' in capsys.readouterr().out
+    assert main([*command, '--json']) == 3
+    values = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert values['coverage'] == 0.0 and values['uncovered_slots'] == [*range(1, 56)]
+    assert values['uavs']['uav1']['error_max_m'] is values['guaranteed_rate'] is None

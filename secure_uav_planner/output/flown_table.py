@@ -52,7 +52,8 @@ def comparison_table(comparison: Any) -> str:
         f'({asked[kind]})' for kind in asked
         if (closest := getattr(comparison, kind)) is not None)]
     lines.append(_describe_rates(comparison))
-    lines.append('what to type next:\n' + '\n'.join(f'  {line}' for line in comparison.advice))
+    if comparison.advice:
+        lines.append('\n  '.join(['what to type next:', *comparison.advice]))
     return '\n\n'.join(filter(None, lines))
 
 

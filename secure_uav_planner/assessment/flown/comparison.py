@@ -56,7 +56,7 @@ class Comparison:
     :ivar covered: True for slots that all logs cover, (N,).
     :ivar promised: True for slots whose rate was promised when it was flown, (N,).
     :ivar achieved: by objective, the rates of the ground nodes in their shares that were achieved,
-        (G, N) in bit/s/Hz.
+        (G, N) in bit/s/Hz; NaN in slots that are not covered.
     :ivar planned: by objective, the planned rates of the ground nodes, (G, N) in bit/s/Hz.
     :ivar errors: distance of each UAV from the way of its plan at flight.times, (U, K) in m.
     """
@@ -122,7 +122,7 @@ class Comparison:
 
         def plain(value: Any) -> Any:
             if isinstance(value, tuple):
-                return list(value)
+                return [plain(item) for item in value]
             return float(value) if math.isfinite(value) else None
 
         def describe(closest: Closest | None) -> dict[str, Any] | None:
@@ -202,7 +202,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     measured = {uav.name: measure_errors(flight, index)
                 for index, uav in enumerate(plan.scenario.uavs)}
     covered = _find_covered(flight)
-    achieved, planned = ({kind: np.zeros(plan.shares.shape) for kind in OBJECTIVES}
+    achieved, planned = ({kind: np.full(plan.shares.shape, np.nan) for kind in OBJECTIVES}
                          for _ in range(2))
     promised = np.zeros(plan.scenario.slots, bool)
     for leg, slots in flight.course.split_slots():
@@ -241,7 +241,7 @@ def _find_covered(flight: FlownFlight) -> NDArray[np.bool_]:
     scenario = flight.plan.scenario
     edges = scenario.slot_duration * np.arange(1, scenario.slots + 2)
     first = np.searchsorted(flight.times, edges - STEP_S / 10)
-    known = np.append(flight.covered.all(axis=0), flight.covered[:, -1].all())
+    in_all = np.append(flight.covered.all(axis=0), flight.covered[:, -1].all())
     covered: NDArray[np.bool_] = np.logical_and.reduceat(
-        known, np.minimum(first, len(known) - 1))[:-1]
+        in_all, np.minimum(first, len(in_all) - 1))[:-1]
     return covered

@@ -72,10 +72,11 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
     distances = np.linalg.norm(flown[:, :2] - planned, axis=1)
-    delay, known = find_delay(flown[:, :2], flight.course, index), flight.covered[index]
+    delay = find_delay(flown[:, :2], flight.course, index)
     sides = _measure_sides(flight, index, delay)
     ways = np.abs(sides)
-    worst, farthest = _find_largest(distances), _find_largest(ways)
+    error_max, error_max_time = _find_largest(distances, times)
+    way_max, way_max_time = _find_largest(ways, times)
     speed, acceleration, energy = _measure_motion(flight, index)
     behind = flight.course.at(times - np.nan_to_num(delay)).positions[index]
     energies = flight.plan.energies[index]
@@ -83,16 +84,15 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     return UavErrors(
         delay_s=delay,
         error_rms_m=_find_rms(distances),
-        error_max_m=float(distances[worst]), error_max_time_s=float(times[worst]),
+        error_max_m=error_max, error_max_time_s=error_max_time,
         cross_track_rms_m=_find_rms(ways),
         cross_track_95_m=_find_quantile(ways, 0.95), cross_track_99_m=_find_quantile(ways, 0.99),
-        cross_track_max_m=float(ways[farthest]),
-        cross_track_max_time_s=float(times[farthest]),
+        cross_track_max_m=way_max, cross_track_max_time_s=way_max_time,
         cross_track_mean_m=_find_mean(sides),
         offset_m=(_find_mean(flown[:, 0] - behind[:, 0]), _find_mean(flown[:, 1] - behind[:, 1])),
         height_error_max_m=_find_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
         speed_max_m_s=speed, acceleration_max_m_s2=acceleration,
-        gap_max_s=_find_gap(known),
+        gap_max_s=_find_gap(flight.covered[index]),
         jumps_s=tuple(time for _, time in find_jumps(log, clock, times)),
         energy_j=energy, planned_energy_j=math.nan if energies is None else energies.total,
         battery_wh=joules / _WH, battery_factor=joules / energy,
@@ -127,16 +127,16 @@ def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
     """Return the largest speed in m/s and acceleration in m/s^2, and the energy in J."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
-    known = clock[np.isfinite(clock)]
+    clock = clock[np.isfinite(clock)]
     # Speeds and energy count in the vehicle's time: in a pause the plan's time stands.
-    times = np.arange(known[0], known[-1], STEP_S) if len(known) else np.zeros(0)
+    times = np.arange(clock[0], clock[-1], STEP_S) if len(clock) else np.zeros(0)
     if len(times) < 2:
         return math.nan, math.nan, math.nan
     velocities = flight.logs[uav.name].velocities_at(times)
     window = max(1, round(_WINDOW_S / STEP_S))
     changes = np.linalg.norm(velocities[window:] - velocities[:-window], axis=1)
     whole = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
-    energy = math.nan if uav.propulsion is None else float(integrate_powers(
+    energy = math.nan if uav.propulsion is None or not whole.any() else float(integrate_powers(
         (uav,), velocities[:-1][whole][None], velocities[1:][whole][None], STEP_S).sum())
     return (_find_quantile(np.linalg.norm(velocities, axis=1), 1.0),
             _find_quantile(changes, 1.0) / (window * STEP_S), energy)
@@ -165,9 +165,9 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
     return _find_rms(np.linalg.norm(targets - planned, axis=1))
 
 
-def _find_gap(known: Array) -> float:
+def _find_gap(covered: Array) -> float:
     """Return the longest time without a position in s."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
     return float(max((last - first for first, last in edges.reshape(-1, 2)), default=0) * STEP_S)
 
 
@@ -188,6 +188,9 @@ def _find_quantile(values: Array, share: float) -> float:
     return float(np.quantile(inside, share)) if len(inside) else math.nan
 
 
-def _find_largest(values: Array) -> int:
-    """Return the index of the largest value; 0 if all are NaN."""
-    return int(np.nanargmax(values)) if np.isfinite(values).any() else 0
+def _find_largest(values: Array, times: Array) -> tuple[float, float]:
+    """Return the largest of values (K,) without NaN, and its time; NaN if there is none."""
+    if not np.isfinite(values).any():
+        return math.nan, math.nan
+    index = int(np.nanargmax(values))
+    return float(values[index]), float(times[index])

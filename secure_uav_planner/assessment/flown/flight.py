@@ -110,7 +110,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
     logs, placed = place_logs(recording.logs, plan.scenario, shifts)
     time_from = at or find_time_source([*logs.values()], course)
     times = np.arange(course.begin, course.end + STEP_S / 2, STEP_S)
-    found: dict[str, Shift] = {}
+    shift_of: dict[str, Shift] = {}
     clocks, doubts = [], list[str]()
     for group in [names] if recording.is_shared else [[name] for name in names]:
         members, uavs = [logs[name] for name in group], [names.index(name) for name in group]
@@ -118,7 +118,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
             shift = find_shift(members, course, uavs, time_from, not placed.issuperset(group))
             doubts += _doubt_shift(group, members, course, uavs, shift, time_from)
             for name, log, uav in zip(group, members, uavs, strict=True):
-                found[name] = shift
+                shift_of[name] = shift
                 clocks.append(find_clock(log, shift, time_from, times))
                 if name not in placed:
                     check_place(log, clocks[-1], times, course, uav, time_from)
@@ -128,7 +128,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
     flight = FlownFlight(
         course, logs, read_only(times), read_only(np.stack(clocks)),
         read_only(np.stack([log.positions_at(clock) for log, clock in zip(
-            logs.values(), clocks, strict=True)])), None, time_from, found,
+            logs.values(), clocks, strict=True)])), None, time_from, shift_of,
         (*doubts, *_list_notes(logs, clocks, times)))
     powers = flight.powers_at(times)
     return flight if powers is None else replace(flight, powers=read_only(powers))
@@ -155,9 +155,9 @@ def find_jumps(log: VehicleLog, clock: Array, times: Array) -> list[tuple[float,
 
     :param clock: the log's time in s at times (K,) of the plan.
     """
-    known = np.isfinite(clock)
-    return [(jump, float(np.interp(jump, clock[known], times[known]))) for jump in log.jumps
-            if known.any() and clock[known][0] <= jump <= clock[known][-1]]
+    has_clock = np.isfinite(clock)
+    return [(jump, float(np.interp(jump, clock[has_clock], times[has_clock]))) for jump in log.jumps
+            if has_clock.any() and np.nanmin(clock) <= jump <= np.nanmax(clock)]
 
 
 def _doubt_shift(names: list[str], logs: list[VehicleLog], course: Course, uavs: list[int],

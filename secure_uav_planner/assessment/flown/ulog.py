@@ -56,12 +56,12 @@ def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, floa
     if 'ref_lat' not in local:
         return positions, None
     places = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
-    known = np.isfinite(places).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
-    if not known.any():
+    valid = np.isfinite(places).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
+    if not valid.any():
         return positions, None
-    latitude, longitude = places[known][0].tolist()
-    for place in np.unique(places[known], axis=0):
-        same = known & (places == place).all(axis=1)
+    latitude, longitude = places[valid][0].tolist()
+    for place in np.unique(places[valid], axis=0):
+        same = valid & (places == place).all(axis=1)
         try:
             east, north = Origin(latitude, longitude).to_local(*place)
         except OptionError as error:
@@ -82,9 +82,9 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
     for name in ('vehicle_gps_position', 'sensor_gps'):
         data = topics.get(name, {})
         utc = np.asarray(data.get('time_utc_usec', ()), float)
-        known = np.flatnonzero(utc > 0)
-        if len(known):
-            return float(np.median((utc[known] - data['timestamp'][known]) * _US))
+        valid = np.flatnonzero(utc > 0)
+        if len(valid):
+            return float(np.median((utc[valid] - data['timestamp'][valid]) * _US))
     return None
 
 
