@@ -86,7 +86,7 @@ class FlownCase:
 
     def __init__(self, client, stack, case, file):
         self._client, self._stack, self._case, self._file = client, stack, case, file
-        self.plans, self.records, self.statuses = {}, [], []
+        self.plans, self.records, self.statuses = [], [], []  # Plans with their arrival.
         self._shift, self._rng, self._lines = 0.0, np.random.default_rng(1), 0
         self._is_unpromised, self._filter, self._sent = False, None, 0.0
         node = client.node
@@ -140,7 +140,7 @@ class FlownCase:
 
     def _take_plan(self, message):
         plan, _ = parse_text(message.data, Plan)
-        self.plans[plan.identity] = plan
+        self.plans.append((time.monotonic(), plan))
 
     def _take_time(self, message):
         lines = self.nodes['replay'].lines
@@ -195,8 +195,8 @@ class FlownCase:
         with Simulation(client, self.observe, SPEEDUP) as self.simulation:
             wait_for(lambda: self.simulation.now > 1015.0, what='the estimate')
             wait_for(lambda: client.call('planner/plan').success, what='a plan')
-            origin = wait_for(lambda: self.plans and next(iter(self.plans.values())))
-            origin = origin.start_ns * 1e-9
+            _, first = wait_for(lambda: self.plans and self.plans[0], what='its message')
+            origin = first.start_ns * 1e-9
             events = list(case.events)
             if not events or events[0][0] != 'start':
                 self.start()
@@ -208,7 +208,7 @@ class FlownCase:
 
     def _has_ended(self):
         last = self.records[-1] if self.records else None
-        plan = last and self.plans.get(last.plan)
+        plan = last and {plan.identity: plan for _, plan in self.plans}.get(last.plan)
         return plan is not None and (
             (last.time_ns - plan.start_ns) * 1e-9 >= Playback(plan).duration - 0.01)
 
@@ -216,9 +216,12 @@ class FlownCase:
 
     def count(self):
         """Return counts of the flown slots by what was promised and told of them."""
-        known, slots = dict(self.plans), []
+        known, slots, plans = {}, [], list(self.plans)
         counts = dict.fromkeys(('flown', 'promised', 'broken', 'told', 'untold'), 0)
         for number, (before, after) in enumerate(zip(self.records, self.records[1:])):
+            while plans and plans[0][0] <= after.arrival:  # Also the same one, promised for longer.
+                plan = plans.pop(0)[1]
+                known[plan.identity] = plan
             plan = known.get(after.plan)
             if plan is None or before.plan not in known:
                 continue
@@ -253,8 +256,9 @@ class FlownCase:
                     for at, text in self.statuses)
                 counts['told' if is_told else 'untold'] += 1
         final = Plan.load(self._file).promised_slots
-        counts['final, not promised'] = sum(
-            final[slot - 1] and not is_promised for slot, is_promised in promised_last.items())
+        counts['final, not promised'] = [
+            slot for slot, is_promised in promised_last.items()
+            if final[slot - 1] and not is_promised]
         return counts | {'plans': len(self.plans)}
 
 

@@ -130,4 +130,4 @@ def test_plans_that_arrive_in_flight_beside_busy_loops_leave_no_gap_in_the_strea
           f'largest gap {gaps.max():.3f} s, 99.9% {np.quantile(gaps, 0.999):.3f} s, median '
           f'{np.median(gaps):.3f} s')
     assert not any('is not played' in line for line in replay.lines)
-    assert gaps.min() > 0.0 and len(places) > 20 * count
+    assert gaps.min() > 0.0

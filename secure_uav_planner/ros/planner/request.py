@@ -336,7 +336,7 @@ class Replanning:
         most = settings['replan_deviation']
         if not most or flight.state != 'flying':
             return ''
-        stopped = self._tracking.find_stopped(settings['uavs'])
+        stopped = self._find_stopped(settings)
         if self._stopped - stopped:
             return 'release'
         # A UAV has the lead to come back, unless its relay has stopped it since.
@@ -356,7 +356,7 @@ class Replanning:
         assert flight is not None
         updated, receivers = self._update(flight, settings, now)
         self._last_planned = now
-        self._stopped = self._tracking.find_stopped(settings['uavs'])
+        self._stopped = self._find_stopped(settings)
         return Remainder(
             flight, now, self._first_point(flight, settings),
             self._tracking.states(flight, settings, now), updated, receivers,
@@ -376,6 +376,11 @@ class Replanning:
     def fail(self, remainder: Remainder) -> None:
         """Note that the remainder was not planned again."""
         self._has_failed = not remainder.must_meet
+
+    def _find_stopped(self, settings: Mapping[str, Any]) -> frozenset[str]:
+        """Return the names of the UAVs with a pose to plan from that their relays stop."""
+        return self._tracking.find_stopped(
+            name for name in settings['uavs'] if settings[f'{name}.use_pose'])
 
     def _first_point(self, flight: Flight, settings: Mapping[str, Any]) -> int:
         """Return the first point of a flight that a replan of now may change."""
