@@ -294,6 +294,15 @@ def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
     assert f'{plan.promise.rate:.4f} bit/s/Hz in 8 of 10 slots promised' in repr(plan)
 
 
+def test_a_promise_that_ends_in_a_gap_leaves_the_slot_of_that_time_unpromised():
+    """Before, slot 3 was promised after the next replan, though it had been flown in the gap."""
+    _, plan = gap_plan()
+    ended = replace(plan, promised_until=30.0)
+    again = continue_plan(ended, 6, replace(cut_tail(ended, 6), promised_until=None))
+    assert again.gaps == ((20.0, 70.0),)
+    assert again.promised_slots.tolist() == [True, True, *[False] * 4, *[True] * 4]
+
+
 @given(scenarios(), st.data())
 def test_a_plan_that_is_cut_and_continued_keeps_its_promise(scenario, data):
     end, point = scenario.times[-1], data.draw(st.integers(0, scenario.slots - 1))

@@ -83,13 +83,11 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
             for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
     delay, joint = point * scenario.slot_duration, (first + 1) * scenario.slot_duration
     until = math.inf if plan.promised_until is None else plan.promised_until
-    before = _cut_gaps(plan.gaps, 0.0, 0.0, min(until, joint))
+    before = _cut_gaps(plan.gaps, 0.0, 0.0, joint)
     if until < first * scenario.slot_duration - _ROUNDING:
         before += ((until, joint),)
     after = tuple(gap for gap in _cut_gaps(
         tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
-    if before and after and after[0][0] < before[-1][1]:  # One gap spans the joint.
-        before, after = before[:-1], ((before[-1][0], after[0][1]), *after[1:])
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
         tail, scenario=whole,
@@ -97,7 +95,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
         start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
-        gaps=before + after,
+        gaps=_merge_gaps(before + after),
         promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))
 
 
@@ -159,6 +157,16 @@ def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float,
     """Return gaps delayed by `seconds`, then clipped to the times from `begin` to `end` [s]."""
     moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
     return tuple((first, last) for first, last in moved if first < last)
+
+
+def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return increasing gaps that do not overlap: a slot between two that touch is promised."""
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted(gaps):
+        if merged and begin < merged[-1][1]:
+            begin, end = merged[-1][0], max(end, merged.pop()[1])
+        merged.append((begin, end))
+    return tuple(merged)
 
 
 def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
