@@ -1,4 +1,4 @@
-"""Where the local frame of each vehicle begins: by parameter, or as its autopilot reports it."""
+"""Origin of the local frame of each vehicle: by parameter, or as its autopilot reports it."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -19,15 +19,15 @@ class LocalFrames:
     """
     Converts positions between the frame of the mission and the local frames of the vehicles.
 
-    A frame begins at `<uav>.origin`, or with `<uav>.reference` at a place on Earth; its height is
-    that of `<uav>.origin` in any case.
+    The origin of a frame is `<uav>.origin`. With `<uav>.reference` it is a place on Earth, at the
+    height of `<uav>.origin`.
 
     :param settings: of the node.
     :param vehicles: the namespace of each vehicle by the name of its UAV.
-    :param on_change: called when what is known of the frame of a UAV changes, with its name and,
-        if it has moved or its estimator has been reset, a function from positions in its last
-        frame to those in its new one.
-    :ivar moves: what has happened to the frame of each UAV, in words; until it is cleared.
+    :param on_change: called with the name of a UAV when its frame becomes known, unknown or moves.
+        If it has moved, or its estimator was reset, the second argument converts a position from
+        the old frame to the new one; otherwise it is None.
+    :ivar moves: what has happened to the frame of each UAV, in words, until it is cleared.
     :raises ParameterError: if the message package of a reference is missing.
     """
 
@@ -37,7 +37,7 @@ class LocalFrames:
         self._origin = origin_from(settings)
         self._references: dict[str, Reference] = {}
         self._frames: dict[str, Origin] = {}
-        self._unknown: dict[str, str] = {}  # Why, by UAV.
+        self._unknown: dict[str, str] = {}  # Why the frame of a UAV is unknown, by the UAV's name.
         self.moves: dict[str, str] = {}
         for name, vehicle in vehicles.items():
             source = REFERENCES.get(settings[f'{name}.reference'])
@@ -52,14 +52,14 @@ class LocalFrames:
                 for topic in topics:
                     node.create_subscription(
                         kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
-                    # What was published once, before this node had started.
+                    # The latched subscription gets a message from before this node's start.
                     node.create_subscription(kind, topic, callback, LATCHED)
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """
-        Convert a position in the frame of the mission, (x, y, z) in m, to that of a UAV's vehicle.
+        Convert a position in the mission's frame, (x, y, z) in m, to a UAV's local frame.
 
-        :raises PoseError: while it is not known where that begins.
+        :raises PoseError: while the origin of the local frame is unknown.
         """
         x, y, z = (value - shift for value, shift in zip(place, self._shift(name), strict=True))
         frame = self._frame(name)
@@ -82,7 +82,7 @@ class LocalFrames:
         return (x, y, z)
 
     def _frame(self, name: str) -> Origin | None:
-        """Return the place on Earth where the frame of a UAV begins; None if not asked for."""
+        """Return the origin on Earth of a UAV's frame; None without `<uav>.reference`."""
         if name in self._unknown:
             raise PoseError(self._explain(name))
         return self._frames.get(name)
@@ -119,14 +119,14 @@ class LocalFrames:
         self._on_change(name, lambda place: _convert(place, before, frame))
 
     def _locate(self, reference: Reference) -> Origin:
-        """Return the begin of a frame, or raise an error for a place far from the mission."""
+        """Return the origin of a frame; raise an error if it is far from the mission."""
         assert self._origin is not None
         self._origin.to_local(reference.latitude, reference.longitude)
         return Origin(reference.latitude, reference.longitude, self._origin.projection)
 
 
 def _convert(place: Vector, source: Origin | None, target: Origin | None) -> Vector:
-    """Return a position in the frame of one origin in that of another."""
+    """Convert a position from the frame of a source origin to the frame of a target origin."""
     assert source is not None and target is not None
     x, y = target.to_local(*source.to_geographic(*place[:2]))
     return (float(x), float(y), place[2])

@@ -10,9 +10,9 @@ from .messages import diagnostic_status
 from ..errors import brief
 
 REPORT_PERIOD = 0.2
-"""Time in s between two reports of a relay."""
+"""Time [s] between two reports of a relay."""
 
-_LOST_AFTER_S = 1.0  # A relay that has not reported for so long counts as lost.
+_LOST_AFTER_S = 1.0  # Time [s] without a report after which a relay is lost.
 _PASSING_HOLD_S = 0.5  # A shorter hold does not stop a vehicle: a busy machine delays setpoints.
 
 _TEXTS = {
@@ -31,7 +31,7 @@ class RelayState(NamedTuple):
     :param relay: name of the node.
     :param name: 'passing', 'holding', 'refused', 'disabled' or 'silent'; 'lost' if the relay has
         ceased to report.
-    :param duration: of the state in s.
+    :param duration: time since the state began [s].
     :param reason: why setpoints are held back, with the numbers.
     """
 
@@ -57,7 +57,7 @@ class RelayState(NamedTuple):
 
     @property
     def text(self) -> str:
-        """State in words, which follow the name of the relay."""
+        """State in words that follow the name of the relay in a sentence."""
         return _TEXTS[self.name].format(for_=self.duration, reason=self.reason)
 
     def to_message(self, uav: str) -> DiagnosticStatus:
@@ -92,7 +92,7 @@ class RelayReports:
         self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
-        """Keep a report that has come on `<uav>/relay`; return True if it tells another state."""
+        """Keep a report from the topic `<uav>/relay`; return True if the state has changed."""
         state, uav = read_relay_state(message), topic.partition('/')[0]
         if state is None:
             return False
@@ -101,7 +101,7 @@ class RelayReports:
         return before is None or before.name != state.name
 
     def state(self, uav: str) -> RelayState | None:
-        """Return what the relay of a UAV does now; None where no relay has ever reported."""
+        """Return the present state of a UAV's relay; None if no relay has ever reported."""
         if uav not in self._last:
             return None
         state, arrival = self._last[uav]
@@ -116,8 +116,8 @@ class RelayReports:
         """
         Return in words what keeps setpoints from a UAV, or an empty string.
 
-        :param is_under_way: whether setpoints must pass. Without a flight, only setpoints that are
-            held or refused are a problem.
+        :param is_under_way: whether a flight needs setpoints to pass. If not, only setpoints that
+            are held or refused are a problem.
         """
         state = self.state(uav)
         if state is None or state.is_passing or not (

@@ -39,13 +39,13 @@ from ...mission.scenario import Point, Scenario
 from ...plan.file import parse_text
 from ...plan.plan import Plan
 
-# Latched. An answer names one of the plans that come together, so none of them may be lost.
+# Latched, and deep: an answer may name any of several plans that arrive together.
 _PLANS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-_REPEAT = 0.2  # s
-_TIMEOUT = 120.0  # s
-_MOST_PLANS = 8  # That are kept, for requests whose answer comes later.
-_MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.
+_REPEAT = 0.2  # Period [s] of calls of `repeat` while a call waits.
+_TIMEOUT = 120.0  # Default timeout of calls [s].
+_MOST_PLANS = 8  # Number of last plans that are kept for answers that arrive later.
+_MOST_FAILURES = 20  # Number of last errors of callbacks that are kept for waiting calls.
 
 
 class ClientError(PlanningError, RuntimeError, code='client'):
@@ -56,19 +56,19 @@ class SecurePlanner:
     """
     Asks the planner for plans and has the replay fly them.
 
-    It is a context manager, within which it is part of the ROS graph; its messages arrive in a
-    thread of its own, the client's. Calls wait for messages, and so must be in another thread. A
-    call raises the first error of its own: that of `on_status` while it waits, or a ClientError
-    when the block is left meanwhile.
+    It is a context manager and is part of the ROS graph inside its block. Its messages arrive in a
+    thread of its own, the client's thread. Calls wait for messages, so they must be made from
+    another thread. A call raises a ClientError if a callback, such as `on_status`, fails while it
+    waits, and if the block is left meanwhile.
 
-    :param scenario: the mission of the nodes, by default the paper's: the names of its members,
-        and the positions of the receivers for send_poses.
-    :param namespace: of the nodes.
+    :param scenario: the mission of the nodes, by default the paper's. The client uses the names of
+        its members, and the positions of its receivers for send_poses.
+    :param namespace: namespace of the nodes.
     :param on_status: called with each PlannerStatus, in the client's thread.
     :raises ParameterError: for names in the scenario that the nodes refuse.
-    :ivar status: the last PlannerStatus; before the first, its `state` is empty.
+    :ivar status: the last PlannerStatus; before the first one, its `state` is empty.
     :ivar last_plan: the last Plan of the planner, or None.
-    :ivar plan_time: the last report of the replay on its plan and the time in it, or None.
+    :ivar plan_time: the replay's last report of its plan and the time of that plan, or None.
     """
 
     def __init__(self, scenario: Scenario | None = None, namespace: str = '',
@@ -95,7 +95,7 @@ class SecurePlanner:
         self._publishers: dict[str, Publisher] = {}
         self._failures: deque[tuple[float, Exception]] = deque(maxlen=_MOST_FAILURES)
         self._plans: dict[str, Plan] = {}  # The last plans by identity.
-        self._plan_problem = ''  # Why the last messages make no plan.
+        self._plan_problem = ''  # Why the last message on `plan` is not a plan.
         self._stop.clear()
         self._context = Context()
         rclpy.init(context=self._context, args=[])
@@ -103,7 +103,7 @@ class SecurePlanner:
             'client', context=self._context, namespace=self._namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        for name in self._receivers:  # Discovery takes time.
+        for name in self._receivers:  # Publishers are made early, because discovery takes time.
             for kind in (Odometry, self._pose_kind(name)):
                 self._publisher(name, kind)
         self.receive(String, 'plan', self._take_plan, _PLANS)
@@ -138,13 +138,13 @@ class SecurePlanner:
 
         A replan that is published meanwhile is not returned.
 
-        :param timeout: s after which the solve is cancelled.
+        :param timeout: time [s] after which the solve is cancelled.
         :raises ClientError: with the planner's reason for a refusal, or if the planner plans for
             other UAVs than the scenario.
         :raises TimeoutError: without a plan within the timeout.
         """
         until = time.monotonic() + timeout
-        cancel, _ = self._clients('planner/cancel')  # Discovery takes time.
+        cancel, _ = self._clients('planner/cancel')  # Made early, because discovery takes time.
         service = self._find('planner/plan', timeout)
         self._check_names(until)
         answer = service.call_async(Trigger.Request())
@@ -160,27 +160,27 @@ class SecurePlanner:
         return self._plans[identity]
 
     def cancel(self) -> None:
-        """Stop the solve under way, which plan() waits for in another thread."""
+        """Stop the present solve, for which plan() waits in another thread."""
         self.call('planner/cancel')
 
     def start(self) -> str:
-        """Release the plan, or go on after a pause; return the next state in words."""
+        """Release the plan, or resume after a pause; return the next state in words."""
         if self.last_plan is not None:
             self.wait_until(lambda: self.plan_time, 'the plan in the replay')
         return self.call('replay/start')
 
     def pause(self) -> str:
-        """Slow down to a rest on the path."""
+        """Brake to rest on the path and hold; return the answer in words."""
         return self.call('replay/pause')
 
     def reset(self) -> str:
-        """End the setpoints; the newest plan waits at its start."""
+        """End the setpoints; the newest plan waits at its start. Return the answer in words."""
         return self.call('replay/reset')
 
     # Poses
 
     def send_poses(self, stamp: Stamp | None = None) -> None:
-        """Publish the scenario's positions of the receivers, by default stamped now."""
+        """Publish the positions of all receivers in the scenario, by default stamped now."""
         for name, receiver in zip(
                 self._receivers, (*self.scenario.ground_nodes, *self.scenario.eavesdroppers),
                 strict=True):
@@ -203,8 +203,8 @@ class SecurePlanner:
         """
         Publish the estimate of an eavesdropper, (x, y) in m.
 
-        :param deviation: its standard deviation along each axis in m; 0 leaves the error radius to
-            the planner's parameter.
+        :param deviation: standard deviation along each axis [m]. With 0, the planner takes the
+            error radius from its parameter.
         """
         estimate = PoseWithCovarianceStamped()
         estimate.header.frame_id, estimate.header.stamp = 'map', stamp or self._stamp()
@@ -215,11 +215,11 @@ class SecurePlanner:
     def send_odometry(self, name: str, position: Point, velocity: Point, deviation: float = 0.0,
                       velocity_deviation: float = 0.0, stamp: Stamp | None = None) -> None:
         """
-        Publish where a receiver or a UAV is, (x, y) in m, and how fast, (x, y) in m/s.
+        Publish position (x, y) in m and velocity (x, y) in m/s of a receiver or a UAV.
 
-        :param deviation: standard deviation of the position along each axis in m; see
+        :param deviation: standard deviation of the position along each axis [m]; see
             send_estimate.
-        :param velocity_deviation: likewise of the velocity, in m/s.
+        :param velocity_deviation: standard deviation of the velocity along each axis [m/s].
         """
         message = messages.odometry(
             'map', 'map', stamp or self._stamp(), (*position, 0.0), 0.0, velocity)
@@ -228,7 +228,7 @@ class SecurePlanner:
         self._publisher(name, Odometry).publish(message)
 
     def knows_poses(self, *topics: str) -> bool:
-        """Return True if the planner has a pose or odometry of all receivers, and topics."""
+        """Return True if the planner has a pose or odometry of all receivers and on `topics`."""
         return all(any(map(self.status.has_pose, either)) for either in (
             *map(member_topics, self._receivers), *([topic] for topic in topics)))
 
@@ -238,20 +238,23 @@ class SecurePlanner:
                    repeat: Callable[[], object] = lambda: None, timeout: float = _TIMEOUT
                    ) -> None:
         """
-        Wait until a condition is true, which is asked after each message.
+        Wait until a condition is true; it is asked after each message.
 
+        :param what: what is waited for, for the error's text.
         :param repeat: called at the beginning and every 0.2 s.
-        :raises TimeoutError: after the timeout in s.
+        :param timeout: [s].
+        :raises TimeoutError: when the condition is not true within the timeout.
         """
         self._wait(condition, time.monotonic() + timeout,
                    lambda: f'{what} did not come within {timeout:g} s', repeat)
 
     def call(self, service: str, timeout: float = _TIMEOUT) -> str:
         """
-        Call a service of the nodes, once it is there; return its message.
+        Wait for a service of the nodes, call it, and return the message of its answer.
 
-        :raises ClientError: if it fails, with its message.
-        :raises TimeoutError: without an answer within the timeout in s.
+        :param timeout: [s].
+        :raises ClientError: with the message of the answer, if the service refuses.
+        :raises TimeoutError: when the service does not answer within the timeout.
         """
         until = time.monotonic() + timeout
         answer = self._find(service, timeout).call_async(Trigger.Request())
@@ -284,7 +287,7 @@ class SecurePlanner:
         """Return the client of a service, once the service is there."""
         until, answers = time.monotonic() + timeout, list[Future]()
         client, later = self._clients(service)
-        # At each call, since the node may have been started again.
+        # The service is awaited at each call, because the node may have been started again.
         self._wait(
             lambda: any(answer.done() for answer in answers), until, lambda: (
                 f'the service {service} did not come within {timeout:g} s; is the node '
@@ -303,7 +306,11 @@ class SecurePlanner:
 
     def _wait(self, condition: Callable[[], object], until: float, late: Callable[[], str],
               repeat: Callable[[], object] = lambda: None) -> None:
-        """Wait for a condition until a time of time.monotonic; late returns what is not there."""
+        """
+        Wait for a condition until a time of time.monotonic.
+
+        :param late: returns the text of the TimeoutError.
+        """
         if threading.current_thread() is self._thread:
             raise ClientError("this call waits for messages, which arrive in the client's thread, "
                               'that of on_status; it must be in another thread')
@@ -343,7 +350,7 @@ class SecurePlanner:
         return self.node.get_clock().now().to_msg()
 
     def _take_plan(self, message: String) -> None:
-        """Take a plan; a stranger may publish on its topic what is not a plan."""
+        """Keep the plan in a message; note why, if the message is not a plan."""
         try:
             (plan, _), self._plan_problem = parse_text(message.data, Plan), ''
         except PlanningError as error:
@@ -382,10 +389,10 @@ def _set_deviation(covariance: Any, deviation: float) -> None:
 
 def make_clients(node: Node, kind: Any, service: str) -> tuple[Client, Client]:
     """
-    Return the client of a service, and one whose answer tells that the first can be used.
+    Return the client of a service, and a client of its node's get_parameters.
 
-    A server drops its answer to an undiscovered client. It discovers clients in their order, so
-    that its answer to the later one, of the parameters, tells that it has discovered the first.
+    A server drops its answer to a client that it has not discovered. It discovers clients in the
+    order of their creation. So once it answers the second client, the first one can be used.
     """
     return node.create_client(kind, service), node.create_client(
         GetParameters, f'{service.rpartition("/")[0]}/get_parameters')

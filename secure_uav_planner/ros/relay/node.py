@@ -27,8 +27,8 @@ from ..topics import (
 from ...errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
 from ...output.autopilots import rotation, STACKS, Vector
 
-_HOLD_PERIOD = 0.1  # s
-_WARN_AGAIN = 5.0  # s
+_HOLD_PERIOD = 0.1  # Time [s] between setpoints of a held position.
+_WARN_AGAIN = 5.0  # Least time [s] between two equal warnings.
 
 
 class Relay(Node):
@@ -47,7 +47,7 @@ class Relay(Node):
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
         self._is_enabled = True
         self._guard_by_uav = {name: Guard() for name in uavs}
-        # What becomes of the setpoints of each UAV, and since when by time.monotonic.
+        # The stream of setpoints of each UAV, and its begin by time.monotonic.
         self._streams = {name: (Stream('silent'), time.monotonic()) for name in uavs}
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
@@ -72,7 +72,7 @@ class Relay(Node):
         self._frames = LocalFrames(self, self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
-        # Reports go on where simulated time stands still.
+        # Reports continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD, self._publish_reports, clock=steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
@@ -119,7 +119,7 @@ class Relay(Node):
                 raise OptionError(f'frame_id is {quote(message.header.frame_id)}; it must be '
                                   f'{quote(self._settings["frame_id"])}')
             setpoint = read_setpoint(message)
-            # Guarded in the vehicle's frame, so that a change of the origin counts as a jump, too.
+            # The guard works in the vehicle's frame, so that it sees a change of the origin.
             setpoint = replace(setpoint, position=self._frames.to_local(name, setpoint.position))
             fields = self._stack.fields(setpoint, now)
             self._guard_by_uav[name].take(setpoint, now, self._limits(name))
@@ -148,7 +148,7 @@ class Relay(Node):
                 self._publish(name, self._stack.fields(held, now))
 
     def _relay_states(self) -> dict[str, RelayState]:
-        """Return what becomes of the setpoints of each UAV, by its name."""
+        """Return the state of the setpoints of each UAV, by the UAV's name."""
         states, relay = {}, self.get_fully_qualified_name()
         for name, guard in self._guard_by_uav.items():
             stream, monotonic = (guard.stream(self._now, self._limits(name))
