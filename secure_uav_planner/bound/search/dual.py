@@ -284,10 +284,10 @@ class Dual:
 
     def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
         """
-        Return the sum over all slots of the smoothed larger branch, with derivatives.
+        Return the smoothed maximum over both branches, summed over all slots, with derivatives.
 
-        The derivatives are a gradient (G, F) and a Hessian (G, F, F) for each group; they are not
-        valid unless `second`.
+        In one branch the transmitter sends, in the other it is silent. The derivatives are a
+        gradient (G, F) and a Hessian (G, F, F) for each group, and are not valid unless `second`.
         """
         values, grads, hessians = self._branches(point, second)
         top = values.max(0)

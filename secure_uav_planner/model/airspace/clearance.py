@@ -325,9 +325,11 @@ class Clearance:
 
 def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
     """
-    Return the first polygon, in their order, that a motion enters, and times near its entries.
+    Return the index of the first polygon that a motion enters, and times near its entries.
 
     Without an entry, the index is the number of polygons and there are no times.
+
+    :param pieces: pieces of the motion, each with constant acceleration.
     """
     middles = shapely.points(pieces.positions)
     at, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
