@@ -219,7 +219,8 @@ class FlownCase:
         known, slots, plans = {}, [], list(self.plans)
         counts = dict.fromkeys(('flown', 'promised', 'broken', 'told', 'untold'), 0)
         for number, (before, after) in enumerate(zip(self.records, self.records[1:])):
-            while plans and plans[0][0] <= after.arrival:  # Also the same one, promised for longer.
+            # A plan may come again, with another promise.
+            while plans and plans[0][0] <= after.arrival:
                 plan = plans.pop(0)[1]
                 known[plan.identity] = plan
             plan = known.get(after.plan)
