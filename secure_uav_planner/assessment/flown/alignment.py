@@ -16,7 +16,7 @@ from ...mission.scenario import Array
 STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
 
-_LONGEST_S = 86400.0  # Longest log of a fit, which takes memory for each STEP_S of it.
+_LONGEST_S = 86400.0  # Longest log of a fit: the fit takes memory for each STEP_S.
 _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
 _APART_S = 2.0  # Time within which two minima of a fit are taken as one.
 _ALIKE, _ALIKE_M = 1.5, 0.5  # A second minimum is alike below _ALIKE * RMS + _ALIKE_M.

@@ -155,9 +155,9 @@ def find_jumps(log: VehicleLog, clock: Array, times: Array) -> list[tuple[float,
 
     :param clock: the log's time in s at times (K,) of the plan.
     """
-    has_clock = np.isfinite(clock)
-    return [(jump, float(np.interp(jump, clock[has_clock], times[has_clock]))) for jump in log.jumps
-            if has_clock.any() and np.nanmin(clock) <= jump <= np.nanmax(clock)]
+    clock, times = clock[np.isfinite(clock)], times[np.isfinite(clock)]
+    return [(jump, float(np.interp(jump, clock, times))) for jump in log.jumps
+            if len(clock) and clock[0] <= jump <= clock[-1]]
 
 
 def _doubt_shift(names: list[str], logs: list[VehicleLog], course: Course, uavs: list[int],

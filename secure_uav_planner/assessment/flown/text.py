@@ -2,6 +2,7 @@
 
 from array import array
 import csv
+from operator import itemgetter
 import os
 from pathlib import Path
 
@@ -30,7 +31,7 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
         if missing:
             raise LogFileError(f'it has no column {missing[0]}')
         read = [name for name in _READ if name in names]
-        columns = [names.index(name) for name in read]
+        take = itemgetter(*map(names.index, read))
         uav = names.index('uav') if 'uav' in names else None
         for row in reader:
             if not row:
@@ -39,11 +40,13 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
                 raise LogFileError(f'line {reader.line_num} has {len(row)} fields; it must have '
                                    f'{len(names)}')
             try:
-                values = [float(row[column] or 'nan') for column in columns]
+                values = [float(field or 'nan') for field in take(row)]
             except ValueError as error:
                 raise LogFileError(f'line {reader.line_num}: {error}') from None
             name = uavs[0] if uav is None else row[uav].strip()
-            tables.setdefault(name, array('d')).extend(values)
+            if name not in tables:
+                tables[name] = array('d')
+            tables[name].fromlist(values)
     return {name: _make_log(dict(zip(
         read, np.frombuffer(table).reshape(-1, len(read)).T, strict=True)))
         for name, table in tables.items()}
