@@ -28,6 +28,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.time import Time
 from secure_uav_planner.ros.client import make_clients, SecurePlanner
 from secure_uav_planner.ros.parameters import PLANNER, PLANNER_MEMBERS, read_member_specs
+from secure_uav_planner.ros.planner.settings import PlannerSettings
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.process import run_node, spin
 from secure_uav_planner.ros.topics import LATCHED
@@ -37,12 +38,18 @@ from std_srvs.srv import Trigger
 DEFAULTS = {name: spec.default for name, spec in PLANNER.items()} | {'tracks': {}}
 DEFAULTS |= {name: spec.default
              for name, spec in read_member_specs(DEFAULTS, PLANNER_MEMBERS).items()}
+SETTINGS = PlannerSettings.from_values(DEFAULTS)
 PATIENCE = 120.0
 RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.
 
 _started = []  # (test, Popen) of every node process, until another test begins.
 _clients = []
+
+
+def settings_with(**values):
+    """Return the settings of the planner with the defaults, but for some parameters."""
+    return PlannerSettings.from_values({**DEFAULTS, **values})
 
 
 def wait_for(condition, patience=PATIENCE, what='the condition'):

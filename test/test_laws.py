@@ -109,6 +109,7 @@ def check_playback(plan, rng):
 def check_parameters(scenario):
     """Assert that a mission becomes parameters of the planner and back, or names what cannot."""
     settings = pytest.importorskip('secure_uav_planner.ros.settings')
+    planner = pytest.importorskip('secure_uav_planner.ros.planner.settings')
     parameters = pytest.importorskip('secure_uav_planner.ros.parameters')
     values = {name: spec.default for name, spec in parameters.PLANNER.items()}
     values |= settings.mission_values(scenario)
@@ -120,16 +121,12 @@ def check_parameters(scenario):
         assert 'names' in str(error)
         return
     values = {name: spec.default for name, spec in specs.items()} | values
-    settings.check_mission_parameters(values)
-    assert tuple(settings.uav_from(values, name) for name in values['uavs']) == scenario.uavs
-    assert settings.channel_from(values) == replace(
-        scenario.channel, rician_k_db=scenario.channel.rician_k_db)
-    assert settings.origin_from(values) == scenario.origin
-    fields = settings.airspace_from(values)
-    assert fields['geofence'] == scenario.geofence
-    for zone, original in zip(fields['no_fly_zones'], scenario.no_fly_zones, strict=True):
+    made = planner.PlannerSettings.from_values(values)
+    assert tuple(uav.mission for uav in made.uavs.values()) == scenario.uavs
+    fields = dict(made.mission)
+    for zone, original in zip(fields.pop('no_fly_zones'), scenario.no_fly_zones, strict=True):
         assert replace(zone, name='') == replace(original, name='')
-    for field, value in parameters.read_fields('planner', Scenario, values).items():
+    for field, value in fields.items():
         assert value == getattr(scenario, field), field
     for name, node in zip(values['ground_nodes'], scenario.ground_nodes, strict=True):
         assert values['tracks'].get(name) == node.track

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from rclpy.time import Time as RosTime
-from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at
+from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.errors import LateError, SupersededError, TimeLimitError
 from secure_uav_planner.plan.flight import Flight
@@ -47,11 +47,11 @@ def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(dura
 
 def requested_uav(message, now, plan=None, **changes):
     """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
-    settings, book = {**DEFAULTS, 'start_delay': 30.0, **changes}, PoseBook()
+    settings, book = settings_with(**{'start_delay': 30.0, **changes}), PoseBook()
     for topic, sent in (
             ('ground_node/pose', pose_message(PoseStamped, 0, 0)), ('uav1/odom', message),
             ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0))):
-        book.take(topic, sent, DEFAULTS, now)
+        book.take(topic, sent, SETTINGS, now)
     tracking = PlanTracking(book)
     if plan is not None:
         tracking.add_plan(plan, now)
@@ -85,8 +85,8 @@ def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_p
 
 def test_a_plan_with_a_delay_starts_that_long_after_its_request_however_long_it_takes():
     for acceleration in (0.0, 2.0):
-        start = StartTime.from_settings({**DEFAULTS, 'start_delay': 30.0, 'uav1.max_acceleration':
-                                         acceleration}, 1000 * 10**9, None)
+        start = StartTime.from_settings(settings_with(**{
+            'start_delay': 30.0, 'uav1.max_acceleration': acceleration}), 1000 * 10**9, None)
         assert start.point_0_ns(1020 * 10**9) == 1030 * 10**9
 
 
@@ -140,21 +140,21 @@ def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_t
     book, playback = PoseBook(), Playback(plan)
     tracking = PlanTracking(book)
     tracking.add_plan(plan, 1000.0)
-    assert tracking.status(DEFAULTS, 1001.0) == ([], TrackStatus())  # Nobody flies.
+    assert tracking.status(SETTINGS, 1001.0) == ([], TrackStatus())  # Nobody flies.
     for clock, offset, text in ((1020.0, (0.3, 0.4), None), (1020.2, (0.3, 0.4), None),
                                 (1020.4, (30.0, 40.0), 'uav1 is 50.0 m from its plan, beyond')):
         report(tracking, plan, (clock, clock - 1000.0))
         for uav, (name, off) in enumerate((('uav1', offset), ('uav2', (0.0, 0.0)))):
             place = playback.at(clock - 1000.0).positions[uav] + off
-            book.take(f'{name}/odom', odometry(*place, stamp=clock), DEFAULTS, clock)
-        tracking.observe(DEFAULTS, clock)
-        problems, track = tracking.status(DEFAULTS, clock)
+            book.take(f'{name}/odom', odometry(*place, stamp=clock), SETTINGS, clock)
+        tracking.observe(SETTINGS, clock)
+        problems, track = tracking.status(SETTINGS, clock)
         assert track.distance == pytest.approx(
             {'uav1': math.hypot(*offset), 'uav2': 0.0}, abs=1e-6)
         assert len(problems) == bool(text) and (text or '') in ''.join(problems)
-    assert tracking.status({**DEFAULTS, 'track_tolerance': 51.0}, clock)[0] == []
+    assert tracking.status(settings_with(track_tolerance=51.0), clock)[0] == []
     assert track.rate <= track.planned_rate
-    track = tracking.status({**DEFAULTS, 'pose_timeout': 1.0}, 1030.0)[1]
+    track = tracking.status(settings_with(pose_timeout=1.0), 1030.0)[1]
     assert math.isnan(track.distance['uav1'])
 
 
@@ -167,9 +167,7 @@ def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
     assert tracking.flight(1011.0).playback.plan is second
     report(tracking, first, (1013.0, 13.0))
     assert tracking.flight(1013.0).playback.plan is first
-    problems, track = tracking.status(
-        {'uavs': ['uav1', 'uav2'], 'track_tolerance': 5.0, 'frame_id': 'map', 'pose_timeout': 0.0,
-         'uav1.use_pose': True, 'uav2.use_pose': True}, 1013.0)
+    problems, track = tracking.status(SETTINGS, 1013.0)
     assert (track.plan, track.state) == (first.identity, 'flying')
     assert f'plan {second.identity} is not flown: the follower has not adopted it and flies ' \
            f'{first.identity}' in problems
@@ -181,7 +179,7 @@ def test_a_follower_of_an_unknown_plan_is_named(two_plans):
     plan, unknown = two_plans
     tracking = PlanTracking(PoseBook())
     report(tracking, unknown, (1010.0, 10.0))
-    problem, = tracking.status({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
+    problem, = tracking.status(SETTINGS, 1010.5)[0]
     assert f'plays plan {unknown.identity}, which this planner does not have' in problem
     tracking.check_known(1010.5)  # It may wait.
     report(tracking, unknown, (1010.6, 10.1))
@@ -219,11 +217,10 @@ def test_a_flight_whose_rate_changes_is_not_steady(two_plans):
 def test_reports_by_another_clock_are_named_with_the_difference(two_plans, age, word):
     plan, _ = two_plans
     tracking = tracking_of(plan)
-    settings = {'uavs': [], 'track_tolerance': 5.0}
     tracking.add_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
-    problem, = tracking.status(settings, 1010.2)[0]
+    problem, = tracking.status(SETTINGS, 1010.2)[0]
     assert f'{abs(age):.1f} s in the {word}' in problem and 'NTP' in problem
-    problem, = tracking.status(settings, 1012.0)[0]
+    problem, = tracking.status(SETTINGS, 1012.0)[0]
     assert 'is silent for 2 s' in problem
 
 
@@ -235,8 +232,8 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     tracking.add_plan(plan, 1000.0)
     report(tracking, plan, (1009.0, 18.0), (1010.0, 20.0))  # At double speed.
     place = Playback(plan).at(19.0).positions[0].tolist()
-    book.take('uav1/odom', odometry(*place, stamp=1009.5), DEFAULTS, 1009.5)
-    settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 0.0}
+    book.take('uav1/odom', odometry(*place, stamp=1009.5), SETTINGS, 1009.5)
+    settings = settings_with(pose_timeout=0.0)
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
         flight = tracking.flight(now)
         assert (flight.time, flight.rate, flight.is_reported) == (22.0, 0.0, False)
@@ -247,8 +244,6 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
 def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_plans, silence):
     """Before, 5 s of silence made a UAV on its plan seem 30 m off it, also after a replan."""
     first, second = two_plans
-    settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 10.0,
-                'track_tolerance': 5.0}
     tracking, book = tracking_of(first), PoseBook()
     tracking._poses = book
 
@@ -257,16 +252,16 @@ def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_pl
 
     fly(first, 0.0, 20.0)
     place = Playback(first).at(20.0).positions[0]
-    book.take('uav1/odom', odometry(*place, stamp=1020.0), DEFAULTS, 1020.0)
+    book.take('uav1/odom', odometry(*place, stamp=1020.0), SETTINGS, 1020.0)
     fly(first, 20.0, 20.0 + silence - 1.0)
     tracking.add_plan(replace(first, powers=first.powers * 0.9), 1019.0 + silence)
     fly(next(reversed(tracking._plans.values())).plan, 19.0 + silence, 20.0 + silence)
     now = 1020.0 + silence
-    assert tracking.distances(settings, now)['uav1'] < 1e-6
+    assert tracking.distances(SETTINGS, now)['uav1'] < 1e-6
     # Another flight has no time then, so nothing is told.
     tracking.add_plan(replace(second, start_ns=second.start_ns - 10**9), now)
     fly(next(reversed(tracking._plans.values())).plan, 20.0 + silence, 21.0 + silence)
-    assert tracking.distances(settings, now + 1.0) == {}
+    assert tracking.distances(SETTINGS, now + 1.0) == {}
 
 
 def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_time_until_then(
@@ -296,7 +291,8 @@ def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():
     error = TimeLimitError('time_limit is 0.25 s; it was over')
     for delay, limit, is_told in ((0.5, 60.0, True), (0.5, 0.0, True), (0.5, 0.1, False),
                                   (0.0, 60.0, False)):
-        told = StartTime(0, delay, 0.0).explain(error, {'time_limit': limit})
+        told = StartTime(0, delay, 0.0).explain(
+            error, settings_with(time_limit=limit))
         assert (told is not error) == is_told
         assert not is_told or 'which leaves 0.25 s to solve it' in str(told)
 
@@ -320,7 +316,7 @@ def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plan
         tracking.add_report(messages.plan_time(
             plan, time_of_plan, stamp_at(clock), follower), clock)
         return tracking.flight(clock).time, tracking.status(
-            {'uavs': [], 'track_tolerance': 5.0}, clock)[0]
+            SETTINGS, clock)[0]
 
     waiting = Playback(plan).begin
     assert add('idle', 1010.0, waiting) == (waiting, [])
@@ -340,7 +336,7 @@ def test_each_slot_of_a_gap_is_told_also_by_a_planner_that_was_restarted_inside_
         tracking = tracking_of(*known, now=10**9)
         for time in np.arange(0.5, 105.0, 2.5):
             report(tracking, plan, (10**9 + time, time))
-            assert [text for text in tracking.status(DEFAULTS, 10**9 + time)[0]
+            assert [text for text in tracking.status(SETTINGS, 10**9 + time)[0]
                     if 'promise' in text] == ([
                         'the promise ended at 20.0 s; the next begins at 50.0 s']
                         if 20.0 <= time < 50.0 else []), time
@@ -359,7 +355,7 @@ def test_the_slots_that_a_late_flight_flies_are_not_in_the_numbers_of_its_plan()
     ended = tracking.check_promise(10**9 + 34.0)
     assert ended.identity == plan.identity and ended.promised_slots.sum() == 2
     assert tracking.check_promise(10**9 + 34.0) is None  # It has ended for good.
-    text, = tracking.status(DEFAULTS, 10**9 + 34.0)[0]
+    text, = tracking.status(SETTINGS, 10**9 + 34.0)[0]
     assert 'ended at 20.0 s: the flight is 0.9 s later than the receivers' in text
 
 

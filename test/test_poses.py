@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from ros_client import DEFAULTS, odometry_message, pose_message, stamp_at, wait_for
+from ros_client import (
+    odometry_message, pose_message, SETTINGS, settings_with, stamp_at, wait_for)
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.mission.fields import RADIUS
@@ -24,14 +25,14 @@ from secure_uav_planner.ros.topics import LATCHED
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def take(book, topic, message, now=100.0, settings=DEFAULTS):
+def take(book, topic, message, now=100.0, settings=SETTINGS):
     """Give a book a message that arrives at a time in s; return its remark."""
     return book.take(topic, message, settings, now)
 
 
 def problems(book, now=100.0, **settings):
     """Return what is wrong with poses, in words."""
-    return '; '.join(map(str, book.problems({**DEFAULTS, **settings}, now)))
+    return '; '.join(map(str, book.problems(settings_with(**settings), now)))
 
 
 def odometry(x, stamp, covariance=None, twist_covariance=None, **options):
@@ -92,19 +93,19 @@ def test_an_older_pose_replaces_a_newer_one_only_after_a_clock_was_set_back(pose
 
 
 def test_odometry_counts_until_a_pose_is_a_second_fresher():
-    settings, book = {**DEFAULTS, 'pose_timeout': 0.0}, PoseBook()
+    settings, book = settings_with(pose_timeout=0.0), PoseBook()
     take(book, 'uav1/odom', odometry(1.0, 100.0))
     for stamp, x in ((100.1, 1.0), (100.9, 1.0), (101.1, 2.0), (107.4, 2.0)):
         take(book, 'uav1/pose', pose(2.0, stamp), stamp)
         assert book.usable_pose('uav1', settings, stamp).position[0] == x, stamp
     take(book, 'uav1/odom', odometry(3.0, 107.0), 107.5)
-    assert book.usable_pose('uav1', {**settings, 'pose_timeout': 5.0}, 112.2).position[0] == 2.0
+    assert book.usable_pose('uav1', settings_with(pose_timeout=5.0), 112.2).position[0] == 2.0
     assert book.usable_pose('uav1', settings, 1e6).position[0] == 3.0
 
 
 @pytest.mark.parametrize('timeout', [0.0, 5.0])
 def test_what_came_before_the_clock_was_set_back_is_forgotten(timeout):
-    settings, book = {**DEFAULTS, 'pose_timeout': timeout}, PoseBook()
+    settings, book = settings_with(pose_timeout=timeout), PoseBook()
     take(book, 'uav1/odom', odometry(1.0, 600.0), 600.0)
     take(book, 'eavesdropper/pose', estimate(200.0, 600.0), 600.0)
     with pytest.raises(PoseError):
@@ -141,7 +142,7 @@ def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate
             take(book, 'eavesdropper/odom', message, 101.0)
         with pytest.raises(PoseError, match=reason):
             take(book, 'eavesdropper/pose', estimate(2.0, 101.0, covariance), 101.0)
-    assert book.usable_pose('eavesdropper', DEFAULTS, 101.0).position[0] == 1.0
+    assert book.usable_pose('eavesdropper', SETTINGS, 101.0).position[0] == 1.0
     text = problems(book, 111.0)
     assert 'eavesdropper/odom is 11.0 s old' in text and 'newer ones were refused' in text
     assert 'the last pose on eavesdropper/pose was refused: the covariance of x' in text
@@ -182,9 +183,9 @@ def test_only_the_covariance_of_x_and_y_counts_at_any_size_and_rounding_does_not
     take(book, 'eavesdropper/pose', message)
     kept = book.get('eavesdropper/pose')
     assert (kept.covariance == used).all()
-    assert kept.radius('eavesdropper', DEFAULTS) == pytest.approx(radius)
+    assert kept.radius('eavesdropper', SETTINGS) == pytest.approx(radius)
     take(book, 'eavesdropper/pose', estimate(200.0, covariance=block(0, 0, rest=5.0)))
-    assert book.get('eavesdropper/pose').radius('eavesdropper', DEFAULTS) == 10.0
+    assert book.get('eavesdropper/pose').radius('eavesdropper', SETTINGS) == 10.0
 
 
 def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_with():
@@ -197,7 +198,7 @@ def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_wit
 
 def remarks(*xs, covariance=None, **settings):
     """Return what is said about an eavesdropper that was at x, in m, second after second."""
-    book, settings = PoseBook(), {**DEFAULTS, **settings}
+    book, settings = PoseBook(), settings_with(**settings)
     return [remark for second, x in enumerate(xs) if (remark := take(
         book, 'eavesdropper/pose', estimate(x, second, covariance), float(second), settings))]
 
@@ -235,7 +236,7 @@ def test_the_velocity_of_poses_is_that_of_the_last_second_in_a_frame():
     for stamp, frame_id, velocity in (
             (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
         take(book, 'uav1/pose', pose(4.0 * stamp, stamp, frame_id=frame_id), stamp,
-             {**DEFAULTS, 'frame_id': frame_id})
+             settings_with(frame_id=frame_id))
         assert book.get('uav1/pose').velocity == velocity
 
 
@@ -331,7 +332,7 @@ def test_transformed_odometry_counts_in_its_new_frame_only_with_the_same_velocit
                 'map': velocity}[child]
     np.testing.assert_allclose(kept.velocity, expected[:2], atol=1e-9)
     for frame_id, problem in (('map', type(None)), ('odom', WrongFrameError)):
-        settings = {**DEFAULTS, 'frame_id': frame_id}
+        settings = settings_with(frame_id=frame_id)
         assert isinstance(book.problem('uav1/odom', settings, 5.0), problem)
 
 
@@ -371,7 +372,7 @@ def test_without_tf2_a_pose_of_another_frame_is_refused_with_what_to_install_and
     with pytest.raises(WrongFrameError, match="it must be in frame 'map', as the parameter "
                        'frame_id says, or tf2_ros must be installed to transform it'):
         take(book, 'uav1/pose', pose(2.0, 100.0, frame_id='odom'))
-    assert book.usable_pose('uav1', DEFAULTS, 100.0).position[0] == 1.0
+    assert book.usable_pose('uav1', SETTINGS, 100.0).position[0] == 1.0
 
 
 @pytest.mark.skipif(find_spec('tf2_ros') is None, reason='an installed ROS has tf2_ros')

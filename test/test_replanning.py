@@ -7,7 +7,8 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import DEFAULTS, odometry_message, pose_message, set_variance, stamp_at
+from ros_client import (
+    odometry_message, pose_message, set_variance, SETTINGS, settings_with, stamp_at)
 from secure_uav_planner import Eavesdropper, Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
@@ -20,7 +21,6 @@ from secure_uav_planner.ros.planner.poses import PoseBook
 from secure_uav_planner.ros.planner.request import Replanning
 from secure_uav_planner.ros.relay.guard import Guard, Limits, Stream
 from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
-from secure_uav_planner.ros.settings import objective_from
 from strategies import with_uavs
 
 START = 1000  # of the plan, in s
@@ -56,7 +56,7 @@ class Bench:
             self.report(now - START)
 
     def replan(self, last, now, **settings):
-        settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
+        settings = settings_with(**{'replan_lead': 5.0, **settings})
         self.fly(now)
         self.tracking.observe(settings, now)
         reason = self.replanning.find_reason(last, settings, now)
@@ -66,7 +66,7 @@ class Bench:
         try:
             rejoin = remainder.find_rejoin()
             plan = remainder.date(rejoin.splice(solve(
-                rejoin.scenario, method=settings['method'], objective=objective_from(settings),
+                rejoin.scenario, method=settings.method, objective=settings.objective,
                 initial=rejoin.tail, time_limit=remainder.time_limit)))
             ready = now + self.solving
             self.fly(ready)
@@ -82,7 +82,7 @@ class Bench:
             self.plan = plan
 
     def add_pose(self, topic, message, now):
-        self.poses.take(topic, message, DEFAULTS, now)
+        self.poses.take(topic, message, SETTINGS, now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, variance=0.0, velocity=None,
               **settings):
@@ -182,7 +182,7 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
 
 
 def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):
-    bench.late, settings = None, {**DEFAULTS, 'replan_deviation': 5.0}
+    bench.late, settings = None, {'replan_deviation': 5.0}
     for clock in np.arange(0.0, 60.0, 0.25):
         # Released 4 s late, and held at 30 s.
         time = min(max(0.0, clock - 4.0), 30.0)
@@ -193,7 +193,7 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
     assert not bench.published and not bench.refused
     flight = bench.tracking.flight(START + 59.75)
     assert (flight.time, flight.rate, flight.state) == (pytest.approx(30.0), 0.0, 'held')
-    assert bench.tracking.distances(settings, START + 59.75)['uav1'] < 1e-6
+    assert bench.tracking.distances(SETTINGS, START + 59.75)['uav1'] < 1e-6
 
 
 def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, plan):
@@ -242,7 +242,7 @@ def test_a_promise_that_has_ended_is_told_and_a_replan_comes_before():
     plan = replace(solve(scenario), start_ns=START * 10**9, promised_until=10.0)
 
     def problems(bench, clock):
-        return [text for text in bench.tracking.status(DEFAULTS, START + clock)[0]
+        return [text for text in bench.tracking.status(SETTINGS, START + clock)[0]
                 if 'the promise' in text]
 
     for replan_distance, expected in ((0.0, 1), (900.0, 0)):
@@ -344,7 +344,7 @@ def hand_over(begin, duration, tolerance, acceleration, has_reports):
         distances.append(max(math.dist(vehicle.place, place)
                              for vehicle, place in zip(vehicles, moment.positions)))
         texts |= {text.partition(' m ')[0].rpartition(' ')[0]
-                  for text in bench.tracking.status(DEFAULTS, now)[0]}
+                  for text in bench.tracking.status(SETTINGS, now)[0]}
     assert distances[-1] < 1.1 and not bench.refused
     return bench, np.array(distances), texts
 

@@ -1,9 +1,10 @@
 """Parameters of nodes: what a start accepts, what is checked when, and what comes back."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, FrozenInstanceError, replace
 from itertools import count
 import math
+from typing import get_origin, get_type_hints, Literal
 
 import city
 from hypothesis import given
@@ -21,7 +22,11 @@ from secure_uav_planner.mission.scenario import MAX_MEMBERS, MAX_ZONES
 from secure_uav_planner.mission.tracks import MAX_SPEED
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
-    PLANNER, PLANNER_MEMBERS, read_fields, read_member_specs, read_specs, RELAY, REPLAY, Spec)
+    PLANNER, PLANNER_MEMBERS, read_fields, read_member_specs, read_specs, RELAY, RELAY_MEMBERS,
+    REPLAY, Spec)
+from secure_uav_planner.ros.planner.settings import PlannerSettings
+from secure_uav_planner.ros.relay.node import RelaySettings
+from secure_uav_planner.ros.replay.node import ReplaySettings
 from secure_uav_planner.ros.settings import (
     airspace_from, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
@@ -45,13 +50,13 @@ def node():
 
 def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
     calls = count()
-    settings = Settings(node, SPECS, lambda values: next(calls))
+    settings = Settings(node, SPECS, lambda values: (next(calls), values)[1])
     for number in range(5):
         node.create_publisher(Float64, f'topic{number}', LATCHED,
                               qos_overriding_options=OVERRIDABLE)
     assert next(calls) == 1
     assert node.set_parameters([rclpy.Parameter('rate', value=2)])[0].successful
-    assert next(calls) == 3 and settings['rate'] == 2.0
+    assert next(calls) == 3 and settings.current['rate'] == 2.0
 
 
 ANYTHING = [
@@ -82,13 +87,13 @@ def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_tim
             continue
         usable = [0.0, 1.0] * 3 if name == 'zone.vertices' else spec.default
         node._parameter_overrides = {name: rclpy.Parameter(name, value=usable)}
-        running = Settings(node, {name: spec}, lambda values: None)
+        running = Settings(node, {name: spec}, dict)
         for value in [*ANYTHING, *edges(spec)]:
             given = rclpy.Parameter(name, value=value)
             node._parameter_overrides = {'start': rclpy.Parameter('start', value=value)}
             try:
-                started = Settings(node, {'start': spec}, lambda values: None)
-                expected = started['start']
+                started = Settings(node, {'start': spec}, dict)
+                expected = started.current['start']
                 node.remove_on_set_parameters_callback(started._on_set)
                 node.undeclare_parameter('start')
             except ParameterError as error:
@@ -99,7 +104,7 @@ def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_tim
             if expected is None:
                 assert name in result.reason and len(result.reason) < 1000
             else:
-                assert repr(running[name]) == repr(expected), (name, value)
+                assert repr(running.current[name]) == repr(expected), (name, value)
                 numbers = expected if isinstance(expected, list) else [expected]
                 assert spec.limits is None or all(
                     spec.limits[0] <= number <= spec.limits[1] for number in numbers)
@@ -120,6 +125,30 @@ def test_choices_and_lengths_in_the_table_of_parameters_are_those_of_the_package
     assert PLANNER['geofence'].length[1] == 2 * MAX_VERTICES
     assert read_specs('no_fly_zone', 'zone')['zone.vertices'].length[1] == 2 * MAX_VERTICES
     assert read_specs('eavesdropper', 'eve')['eve.max_speed'].limits[1] == MAX_SPEED
+
+
+@pytest.mark.parametrize('specs, settings, sections', [
+    (PLANNER, PlannerSettings, PLANNER_MEMBERS), (REPLAY, ReplaySettings, {}),
+    (RELAY, RelaySettings, RELAY_MEMBERS)], ids=['planner', 'replay', 'relay'])
+def test_the_settings_of_a_node_have_a_field_of_its_type_for_each_parameter(
+        specs, settings, sections):
+    values = {name: spec.default for name, spec in specs.items()}
+    members = {name: spec.default for name, spec in read_member_specs(values, sections).items()}
+    made, made_of = settings.from_values({'tracks': {}} | values | members), {
+        'true_eavesdropper', 'objective', 'origin', 'geofence', *sections}
+    for name, value in values.items():
+        if name in made_of or '.' in name or name in getattr(made, 'mission', {}):
+            continue
+        hint = get_type_hints(settings)[name]
+        kind = get_origin(hint) or hint
+        assert isinstance(getattr(made, name), str if kind is Literal else kind), name
+        assert getattr(made, name) == (tuple(value) if isinstance(value, list) else value)
+    with pytest.raises(FrozenInstanceError):
+        made.frame_id = 'odom'
+    for kind in sections:  # Of UAVs, receivers and zones.
+        for member, of_member in getattr(made, kind, {}).items():
+            for entry in fields(of_member):
+                assert entry.name == 'mission' or f'{member}.{entry.name}' in members, entry
 
 
 # What a start says

@@ -11,8 +11,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_client import (
-    DEFAULTS, node_here, node_process, odometry_message, PATIENCE, pose_message, stamp_at,
-    wait_for)
+    node_here, node_process, odometry_message, PATIENCE, pose_message, SETTINGS, settings_with,
+    stamp_at, wait_for)
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.tracking import PlanClock
@@ -26,7 +26,7 @@ NOISE = 5.0  # m along each axis, of measurements
 PERIOD = 0.5  # s apart.
 CAR_SPEED = 12.0  # m/s towards +y
 NOW = 1000.0  # s
-RADIUS_PER_DEVIATION = error_radius(np.eye(2), DEFAULTS['confidence'])
+RADIUS_PER_DEVIATION = error_radius(np.eye(2), SETTINGS.confidence)
 
 
 def car_at(now):
@@ -41,7 +41,7 @@ def car_odometry(now):
 
 def book_with(message, **settings):
     """Return a PoseBook with a message of the eavesdropper, at NOW, and settings."""
-    settings, book = {**DEFAULTS, **settings}, PoseBook()
+    settings, book = settings_with(**settings), PoseBook()
     kind = 'odom' if isinstance(message, Odometry) else 'pose'
     for topic, sent in (('ground_node/pose', pose_message(PoseStamped, 0, 0)),
                         (f'eavesdropper/{kind}', message)):

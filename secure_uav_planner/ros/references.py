@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from .messages import check_versions, import_messages
-from .settings import origin_from, Settings
+from .settings import FrameSettings
 from .topics import LATCHED, OVERRIDABLE, SENSOR
 from ..errors import brief, PlanningError, PoseError
 from ..mission.geography import Origin
@@ -22,7 +22,7 @@ class LocalFrames:
     The origin of a frame is `<uav>.origin`. With `<uav>.reference` it is a place on Earth, at the
     height of `<uav>.origin`.
 
-    :param settings: of the node.
+    :param current: returns the present settings of the node.
     :param vehicles: the namespace of each vehicle by the name of its UAV.
     :param on_change: called with the name of a UAV when its frame becomes known, unknown or moves.
         If it has moved, or its estimator was reset, the second argument converts a position from
@@ -31,22 +31,24 @@ class LocalFrames:
     :raises ParameterError: if the message package of a reference is missing.
     """
 
-    def __init__(self, node: Node, settings: Settings, vehicles: Mapping[str, str],
+    def __init__(self, node: Node, current: Callable[[], FrameSettings],
+                 vehicles: Mapping[str, str],
                  on_change: Callable[[str, Callable[[Vector], Vector] | None], None]) -> None:
-        self._settings, self._log, self._on_change = settings, node.get_logger(), on_change
-        self._origin = origin_from(settings)
+        self._current, self._log, self._on_change = current, node.get_logger(), on_change
+        self._origin = current().origin
         self._references: dict[str, Reference] = {}
         self._frames: dict[str, Origin] = {}
         self._unknown: dict[str, str] = {}  # Why the frame of a UAV is unknown, by the UAV's name.
         self.moves: dict[str, str] = {}
         for name, vehicle in vehicles.items():
-            source = REFERENCES.get(settings[f'{name}.reference'])
+            reference = current().uavs[name].reference
+            source = REFERENCES.get(reference)
             if source is not None:
                 topics = [f'{vehicle}/{topic}' for topic in source.topics]
                 self._unknown[name] = (
                     f'where its frame begins has not come on {" or ".join(topics)}')
                 kind, = import_messages(
-                    f'{name}.reference', settings[f'{name}.reference'], source, [source.kind])
+                    f'{name}.reference', reference, source, [source.kind])
                 check_versions(node, [source.kind])
                 callback = partial(self._on_message, name, source.read)
                 for topic in topics:
@@ -78,8 +80,7 @@ class LocalFrames:
         return [*map(self._explain, self._unknown), *self.moves.values()]
 
     def _shift(self, name: str) -> Vector:
-        x, y, z = self._settings[f'{name}.origin']
-        return (x, y, z)
+        return self._current().uavs[name].origin
 
     def _frame(self, name: str) -> Origin | None:
         """Return the origin on Earth of a UAV's frame; None without `<uav>.reference`."""

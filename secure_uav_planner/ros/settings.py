@@ -1,24 +1,20 @@
-"""A node's settings: its parameters as declared, read from a mission, and turned into one."""
+"""A node's settings: its parameters as declared, and how a mission becomes parameters and back."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 import difflib
-import hashlib
 import math
-from pathlib import Path
 import re
-import socket
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
     list_values, METHOD_DEFAULT, NO_LOS, NO_ORIGIN, NO_PROPULSION, NO_REFERENCE, read_fields,
     read_member_specs, Spec)
-from ..errors import (
-    brief, ParameterError, PlanFileError, PlanningError, prefix_path, quote, ScenarioError)
+from ..errors import brief, ParameterError, PlanningError, prefix_path, quote, ScenarioError
 from ..mission import Objective
 from ..mission.geography import Origin
 from ..mission.participants import NoFlyZone, Propulsion
@@ -27,7 +23,9 @@ from ..mission.propagation import Channel
 from ..mission.scenario import Point, Scenario, Uav
 from ..mission.validation import make_unique
 from ..optimize.methods import check_objective
-from ..plan.plan import Plan
+
+Kind = TypeVar('Kind')
+"""The settings of a node, or of a member of it."""
 
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
@@ -35,7 +33,7 @@ _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_servi
 _MOST_IN_ZONE = 80  # Characters of a zone's name, to which a number may be added.
 
 
-class Settings:
+class Settings(Generic[Kind]):
     """
     The declared parameters of a node; a change is validated as a whole, then applied as a whole.
 
@@ -43,23 +41,24 @@ class Settings:
     its default.
 
     :param specs: a Spec for each parameter name.
-    :param check: called with all values by name; it raises a PlanningError for a wrong
-        combination.
+    :param make: returns the settings of the node for all values by name, or raises a
+        PlanningError for a wrong combination.
     :param sections: as in read_member_specs, for the members that the values of `specs` name.
     :raises ParameterError: for a wrong value at the start; the text names the parameter.
+    :ivar current: the settings for the present values.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, Spec],
-                 check: Callable[[dict[str, Any]], None], sections: Mapping[str, str] = {}
+                 make: Callable[[dict[str, Any]], Kind], sections: Mapping[str, str] = {}
                  ) -> None:
         self._specs: dict[str, Spec] = {}
-        self._check = check
+        self._make = make
         self._values: dict[str, Any] = {'tracks': {}}  # By receiver, of the mission file.
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
         self._declare(read_member_specs(self._values, sections))
-        check(self._values)
+        self.current = make(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
@@ -77,13 +76,6 @@ class Settings:
             if name == 'mission_file' and value:  # It is declared first.
                 self._mission_values = load_mission(value)
                 self._values['tracks'] = self._mission_values.pop('tracks')
-
-    def __getitem__(self, name: str) -> Any:
-        return self._values[name]
-
-    def snapshot(self) -> dict[str, Any]:
-        """Return all present values by name; later changes do not affect them."""
-        return self._values
 
     def warn_of_unknown(self) -> None:
         """Log each given parameter that does not exist, with the nearest name that does."""
@@ -103,32 +95,57 @@ class Settings:
             values = self._values | {
                 parameter.name: self._specs[parameter.name].convert(
                     parameter.name, parameter.value) for parameter in ours}
-            self._check(values)
+            settings = self._make(values)
         except PlanningError as error:
             return SetParametersResult(successful=False, reason=brief(error))
-        self._values = values
+        self._values, self.current = values, settings
         return SetParametersResult(successful=True)
 
 
 def _overrides(node: Node) -> dict[str, Parameter]:
     """Return the parameters from the command line and parameter files of a node by name."""
-    return node._parameter_overrides  # rclpy has no public access to them.
+    overrides: dict[str, Parameter] = node._parameter_overrides  # rclpy has no public access.
+    return overrides
+
+
+# From parameters to settings
+
+
+def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **made: Any
+                  ) -> Kind:
+    """Return settings whose fields are parameters of the same names, but for those `made`."""
+    return kind(**made, **{
+        entry.name: tuple(value) if isinstance(value, list) else value
+        for entry in fields(kind) if entry.name not in made  # type: ignore[arg-type]
+        for value in [values[prefix + entry.name]]})
+
+
+@dataclass(frozen=True)
+class VehicleSettings:
+    """
+    Where the local frame of a vehicle begins.
+
+    :ivar origin: (x, y, z) in m in the frame of the mission.
+    :ivar reference: who reports its place on Earth.
+    """
+
+    origin: tuple[float, float, float]
+    reference: str
+
+
+class FrameSettings(Protocol):
+    """Settings of a node that converts positions of local frames."""
+
+    @property
+    def uavs(self) -> Mapping[str, VehicleSettings]:
+        """Vehicle of each UAV by its name."""
+
+    @property
+    def origin(self) -> Origin | None:
+        """Where the mission is on Earth."""
 
 
 # From parameters to a mission
-
-
-def check_mission_parameters(values: Mapping[str, Any]) -> None:
-    """Raise a PlanningError that names the parameter, for a wrong combination of values."""
-    objective_from(values)
-    if values['deliver'] and values['method'] != 'joint':
-        raise ParameterError(f"deliver is {values['deliver']:g}; it is for the method joint, and "
-                             f"method is {values['method']}")
-    for name in values['uavs']:
-        uav_from(values, name)
-    airspace_from(values)
-    channel_from(values)
-    check_references(values)
 
 
 def check_references(values: Mapping[str, Any]) -> None:
@@ -147,55 +164,6 @@ def check_references(values: Mapping[str, Any]) -> None:
         if any(own[:2]):
             raise ParameterError(f'{name}.origin is {quote(own)}; with {name}.reference, x and y '
                                  'must be 0')
-
-
-def check_plan_file(values: Mapping[str, Any]) -> None:
-    """Raise a ParameterError if the folder of the plan_file is not there."""
-    file = values['plan_file']
-    if file and not Path(file).parent.is_dir():
-        meaning = '; ~ does not stand for a folder here' if file.startswith('~') else ''
-        raise ParameterError(
-            f'parameter plan_file: {brief(file)} must be in a folder that is there{meaning}',
-            ('plan_file',))
-
-
-def reserve_plan_file(file: str) -> socket.socket | None:
-    """
-    Reserve a plan file until the socket is closed or the process ends; None if another has it.
-
-    A name of an abstract socket leaves no file behind, however a process ends.
-    """
-    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    name = hashlib.sha256(str(Path(file).resolve()).encode()).hexdigest()
-    try:
-        holder.bind(f'\0secure_uav_planner {name}')
-    except OSError:
-        holder.close()
-        return None
-    return holder
-
-
-def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
-    """
-    Load a plan with a start for UAVs and ground nodes of these names; None without a file.
-
-    :raises PlanFileError: for another plan, or as Plan.load does.
-    """
-    if not Path(file).exists():
-        return None
-    plan = Plan.load(file)
-    names = [uav.name for uav in plan.scenario.uavs], [*plan.scenario.ground_node_names]
-    if names != ([*uavs], [*nodes]) or plan.start_ns is None:
-        raise PlanFileError(f'{file} is not a plan for {", ".join([*uavs, *nodes])}')
-    return plan
-
-
-def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
-    """Save a plan, or log why that fails."""
-    try:
-        plan.save(file)
-    except (OSError, ValueError) as error:
-        log.error(f'plan_file: {brief(error)}; the plan is published all the same')
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:

@@ -21,10 +21,12 @@ from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
+from .plan_file import check_plan_file, load_plan, reserve_plan_file, save_plan
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .request import (
     explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
+from .settings import PlannerSettings
 from .solver import Job, Result, SolverThread
 from .status import (
     log_at, make_status, State, warn_of_namesakes, WarningLog)
@@ -32,8 +34,7 @@ from .. import messages
 from ..parameters import PLANNER, PLANNER_MEMBERS
 from ..process import run_node
 from ..references import LocalFrames
-from ..settings import (
-    check_mission_parameters, check_plan_file, load_plan, reserve_plan_file, save_plan, Settings)
+from ..settings import Settings
 from ..topics import publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
 from ...errors import brief, BusyError, describe_error, PlanningError, PoseError
@@ -55,18 +56,18 @@ class Planner(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', **options)
-        self._settings = Settings(self, PLANNER, check_mission_parameters, PLANNER_MEMBERS)
-        check_plan_file(self._settings.snapshot())
-        self._plan_file = self._settings['plan_file']
+        self._declared = Settings(self, PLANNER, PlannerSettings.from_values, PLANNER_MEMBERS)
+        check_plan_file(self._settings.plan_file)
+        self._plan_file = self._settings.plan_file
         self._file_holder = reserve_plan_file(self._plan_file) if self._plan_file else None
         if self._plan_file and self._file_holder is None:
             self.get_logger().warning(
                 f'plan_file: another planner keeps its plan in {brief(self._plan_file)}; this one '
                 'neither reads nor writes it; give each planner a file of its own')
             self._plan_file = ''
-        self._uavs = self._settings['uavs']
+        self._uavs = [*self._settings.uavs]
         self._local_frames = LocalFrames(
-            self, self._settings, {name: name for name in self._uavs},
+            self, lambda: self._settings, {name: name for name in self._uavs},
             lambda *_: self._publish_status())
         self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
         self._refusals = WarningLog(self.get_logger())  # Of poses.
@@ -83,13 +84,13 @@ class Planner(Node):
         self._make_interface()
         self._restore()
         self._publish_status()
-        self._settings.warn_of_unknown()
-        if reason := explain_infeasible(self._settings.snapshot()):
+        self._declared.warn_of_unknown()
+        if reason := explain_infeasible(self._settings):
             self.get_logger().warning(f'the mission cannot be flown as it is set: {reason}')
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
-        group = self.default_callback_group
+        group, settings = self.default_callback_group, self._settings
         self._outputs = publishers(self, TOPICS['planner', 'pub'], self._uavs)
         # A second ~/plan is answered while the first waits.
         serve(self, {'~/plan': self._on_plan}, ReentrantCallbackGroup())
@@ -103,7 +104,12 @@ class Planner(Node):
         subscribe(self, {'<uav>/relay': topics.pop('<uav>/relay')}, self._on_relay, group,
                   self._uavs)
         subscribe(self, topics, self._on_pose, group, self._uavs, {
-            f'<{kind}>': self._settings[f'{kind}s'] for kind in ('ground_node', 'eavesdropper')})
+            '<ground_node>': [*settings.ground_nodes],
+            '<eavesdropper>': [*settings.eavesdroppers]})
+
+    @property
+    def _settings(self) -> PlannerSettings:
+        return self._declared.current
 
     def close(self) -> bool:
         """Stop the solve under way; return True if its thread has ended."""
@@ -129,7 +135,7 @@ class Planner(Node):
     def _on_pose(self, topic: str, message: Message) -> None:
         is_first = self._poses.get(topic) is None
         try:
-            remark = self._poses.take(topic, message, self._settings.snapshot(), self._now())
+            remark = self._poses.take(topic, message, self._settings, self._now())
         except PoseError as error:
             self._refusals.warn(topic, f'{topic}: {brief(error)}; it is not used')
             return
@@ -175,13 +181,13 @@ class Planner(Node):
     def _plan(self) -> None:
         """Start the solve of a request."""
         began, now_ns = time.monotonic(), self._now_ns()
-        settings, now = self._settings.snapshot(), now_ns * 1e-9
+        settings, now = self._settings, now_ns * 1e-9
         try:
             self._tracking.check_steady(now)
             self._tracking.check_known(now)
             flight = self._flight(now)
             start = StartTime.from_settings(settings, now_ns, flight)
-            limit = start.time_limit(settings['time_limit'] or None,
+            limit = start.time_limit(settings.time_limit or None,
                                      self._tracking.until_superseded(flight, now))
             request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
@@ -197,11 +203,11 @@ class Planner(Node):
             left = None if limit is None else max(
                 _SHORTEST_SOLVE, limit - (time.monotonic() - began))
             return date(request, job.solve(
-                scenario, settings, left, initial, settings['deliver']))
+                scenario, settings, left, initial, settings.deliver))
 
         def date(request: Request, plan: Plan) -> Outgoing:
             plan = request.date(plan, self._now_ns())
-            return plan, messages.serialize_plan(plan, settings['frame_id'])
+            return plan, messages.serialize_plan(plan, settings.frame_id)
 
         def finish(result: Result, is_last: bool = False) -> None:
             try:
@@ -267,7 +273,7 @@ class Planner(Node):
     # Replanning
 
     def _on_check(self) -> None:
-        settings, now = self._settings.snapshot(), self._now()
+        settings, now = self._settings, self._now()
         self._poses.follow_clock(now)
         self._checked.set_result(None)
         self._checked = Future()
@@ -304,7 +310,7 @@ class Planner(Node):
             self._state.plan = plan
             self._save(plan)
 
-    def _replan(self, remainder: Remainder, settings: Mapping[str, Any]) -> None:
+    def _replan(self, remainder: Remainder, settings: PlannerSettings) -> None:
         """Start the solve of a replan."""
         def work(job: Job) -> tuple[Plan, Rejoin, float, dict[str, bytes]]:
             rejoin = remainder.find_rejoin()
@@ -312,7 +318,7 @@ class Planner(Node):
                 job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail)))
             begin = (rejoin.first + 1) * plan.scenario.slot_duration
             return plan, rejoin, begin, messages.serialize_plan(
-                plan, settings['frame_id'], begin)
+                plan, settings.frame_id, begin)
 
         def finish(result: Result) -> None:
             try:
@@ -337,9 +343,9 @@ class Planner(Node):
         file = self._plan_file
         try:
             if not file or (
-                    plan := load_plan(file, self._uavs, self._settings['ground_nodes'])) is None:
+                    plan := load_plan(file, self._uavs, [*self._settings.ground_nodes])) is None:
                 return
-            outgoing = messages.serialize_plan(plan, self._settings['frame_id'])
+            outgoing = messages.serialize_plan(plan, self._settings.frame_id)
             self._publish_plan(plan, outgoing, 'plans', is_restored=True)
             self._discovery_deadline = time.monotonic() + _DISCOVERY
         except Exception as error:
@@ -372,7 +378,7 @@ class Planner(Node):
     def _prove_bound(self) -> None:
         """Start the proof of the last plan's bound, if there is none and it is enabled."""
         plan = self._state.plan
-        if (self._settings['bound'] != 'after' or plan is None or self._state.bound is not None
+        if (self._settings.bound != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):
             return
         if refusal := explain_refusal(plan.scenario):
@@ -398,7 +404,7 @@ class Planner(Node):
             self._solver.run(partial(save_plan, plan, file, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
-        now, settings = self._now(), self._settings.snapshot()
+        now, settings = self._now(), self._settings
         is_solving = self._solver.is_solving
         progress = self._solver.job.progress if is_solving else None
         problems, track = self._tracking.status(settings, now)
@@ -407,7 +413,7 @@ class Planner(Node):
             *filter(None, [self._replan_problem, warn_of_namesakes(self)])], now)
         return replace(
             status, pose_age=self._poses.ages(settings, now), track=track,
-            relay=self._tracking.relays.names(settings['uavs'])).to_message(
+            relay=self._tracking.relays.names(settings.uavs)).to_message(
                 self.get_fully_qualified_name().lstrip('/') + ': plan')
 
     def _publish_status(self) -> None:

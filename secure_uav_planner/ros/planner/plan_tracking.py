@@ -5,14 +5,14 @@ Only the reports of a follower on `plan_time` say that a plan is flown.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 import math
-from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import TimeReference
 
 from .poses import PoseBook
+from .settings import PlannerSettings
 from ..messages import nanoseconds, read_plan_time
 from ..planner_status import TrackStatus
 from ..relay_reports import RelayReports
@@ -36,8 +36,8 @@ class PlanTracking:
     """
     Tracks the flight of the last plans by the reports of its follower.
 
-    Of several followers the first one under way counts, until it ends or is silent. Settings are
-    the values of the planner's parameters by name, and `now` is the node's time in s.
+    Of several followers the first one under way counts, until it ends or is silent. `now` is the
+    node's time in s.
 
     :ivar relays: what becomes of the setpoints of each UAV, where a relay reports it.
     """
@@ -214,16 +214,16 @@ class PlanTracking:
                             's; ask again when it is flown')
         return ahead
 
-    def states(self, flight: Flight | None, settings: Mapping[str, Any], now: float
+    def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
         """Return the state of each UAV to plan from; None where it is not known or not used."""
-        states = [self._state(name, flight, settings, now) if settings[f'{name}.use_pose']
-                  else None for name in settings['uavs']]
+        states = [self._state(name, flight, settings, now) if uav.use_pose else None
+                  for name, uav in settings.uavs.items()]
         return [state if state is None or flight is None else state._replace(
             is_held=self._is_held(name, index, flight))
-            for index, (name, state) in enumerate(zip(settings['uavs'], states, strict=True))]
+            for index, (name, state) in enumerate(zip(settings.uavs, states, strict=True))]
 
-    def _state(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
+    def _state(self, name: str, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> MeasuredState | None:
         """
         Return the last usable state of a UAV in the time of a flight; without one, of the clock.
@@ -257,23 +257,23 @@ class PlanTracking:
         """Return the names of the UAVs that their relays stop."""
         return frozenset(filter(self._is_stopped, names))
 
-    def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
+    def _offsets(self, flight: Flight | None, settings: PlannerSettings, now: float
                  ) -> dict[str, Array]:
         """Return the offset of each UAV from its plan in m, by name, where it is known."""
         if flight is None:
             return {}
         states = {name: self._state(name, flight, settings, now)
-                  for name in settings['uavs']}
+                  for name in settings.uavs}
         return {name: deviation(flight.playback, index, state)
                 for index, (name, state) in enumerate(states.items())
                 if state is not None}
 
-    def distances(self, settings: Mapping[str, Any], now: float) -> dict[str, float]:
+    def distances(self, settings: PlannerSettings, now: float) -> dict[str, float]:
         """Return the distance of each UAV from its plan in m, by name, where it is known."""
         return {name: math.hypot(*offset)
                 for name, offset in self._offsets(self.flight(now), settings, now).items()}
 
-    def predict_distances(self, settings: Mapping[str, Any], now: float, ahead: float
+    def predict_distances(self, settings: PlannerSettings, now: float, ahead: float
                           ) -> dict[str, float]:
         """
         Return the distance of each UAV from its plan in m, by name, where it is known.
@@ -282,7 +282,7 @@ class PlanTracking:
         `ahead` s, when the UAV has braked and its plan has gone on.
         """
         flight, distances = self.flight(now), self.distances(settings, now)
-        for index, name in enumerate(settings['uavs']):
+        for index, name in enumerate(settings.uavs):
             if name in distances and self._is_stopped(name):
                 state, time = self._state(name, flight, settings, now), (
                     flight.time + flight.rate * ahead)
@@ -292,25 +292,25 @@ class PlanTracking:
                     flight.playback, index, MeasuredState(time, tuple(place.tolist()))))
         return distances
 
-    def observe(self, settings: Mapping[str, Any], now: float) -> None:
+    def observe(self, settings: PlannerSettings, now: float) -> None:
         """Add the present positions of the UAVs to the achieved rate, and watch their motion."""
         flight = self.flight(now)
-        for name in settings['uavs']:
+        for name in settings.uavs:
             state = None if flight is None else self._state(name, flight, settings, now)
             if state is not None:
                 self._watches[name].add(state)
         offsets = self._offsets(flight, settings, now)
-        if flight is None or len(offsets) < len(settings['uavs']):
+        if flight is None or len(offsets) < len(settings.uavs):
             return
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._track.add(flight.playback, flight.time, positions, flight.rate)
 
-    def status(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], TrackStatus]:
+    def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
         """Return the problems of the flight in words, and what the status says of it."""
-        flight, most = self.flight(now), settings['track_tolerance']
+        flight, most = self.flight(now), settings.track_tolerance
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [
-            problem for name in settings['uavs']
+            problem for name in settings.uavs
             if (problem := self.relays.problem(name, is_under_way))]
         if flight is None:
             return problems, TrackStatus()
@@ -323,7 +323,7 @@ class PlanTracking:
         problems += [
             f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond '
             f'{max(most, flight.playback.plan.scenario.tracking_margin):g} m'
-            if flight.is_under_way and self._is_held(name, settings['uavs'].index(name), flight)
+            if flight.is_under_way and self._is_held(name, [*settings.uavs].index(name), flight)
             else f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
                  f'{most:g} m'
             for name, distance in distances.items()
@@ -337,7 +337,7 @@ class PlanTracking:
         return problems, TrackStatus(
             flight.playback.plan.identity, flight.time,
             flight.state if flight.is_reported else f'{flight.state}, silent',
-            {name: distances.get(name, math.nan) for name in settings['uavs']}, *rates,
+            {name: distances.get(name, math.nan) for name in settings.uavs}, *rates,
             self._track.measured)
 
     def _follower_problems(self, now: float) -> list[str]:

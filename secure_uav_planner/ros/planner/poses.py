@@ -1,6 +1,6 @@
 """The last valid pose of each topic, in the frame of the planner."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 from typing import Any
@@ -10,6 +10,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 
 from .frames import Message, refuse_frame, turn_covariance
+from .settings import PlannerSettings
 from ..topics import member_topics
 from ...errors import (
     PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
@@ -61,11 +62,11 @@ class KnownPose:
         """Age in s at a time in s; PoseBook forgets a pose when the clock is set back."""
         return max(0.0, now - self.time)
 
-    def radius(self, name: str, settings: Mapping[str, Any]) -> float:
+    def radius(self, name: str, settings: PlannerSettings) -> float:
         """Error radius of an eavesdropper's estimate in m; by the parameter without covariance."""
         if self.covariance is None or not self.covariance.any():
-            return float(settings[f'{name}.error_radius'])
-        return error_radius(self.covariance, settings['confidence'])
+            return settings.eavesdroppers[name].error_radius
+        return error_radius(self.covariance, settings.confidence)
 
 
 @dataclass
@@ -83,8 +84,8 @@ class PoseBook:
     """
     The last valid pose of each topic, and why newer ones were refused.
 
-    All is forgotten when the clock is set back, since no age is known then. Settings are the
-    values of the planner's parameters by name, and `now` is the node's time in s.
+    All is forgotten when the clock is set back, since no age is known then. `now` is the node's
+    time in s.
 
     :param transform: returns a message in another frame, or raises a PoseError.
     :param to_mission: converts a position in the local frame of a UAV, by its name, or likewise.
@@ -101,7 +102,7 @@ class PoseBook:
         self._discs: dict[str, _Disc] = {}
         self._latest, self._was_set_back = -math.inf, False  # The clock.
 
-    def take(self, topic: str, message: Message, settings: Mapping[str, Any], now: float) -> str:
+    def take(self, topic: str, message: Message, settings: PlannerSettings, now: float) -> str:
         """
         Parse a pose that has come on a topic, and keep it, unless a newer one has just come.
 
@@ -111,10 +112,10 @@ class PoseBook:
         self.follow_clock(now)
         name = topic.partition('/')[0]
         try:
-            if message.header.frame_id != settings['frame_id']:
-                message = self._transform(message, settings['frame_id'])
-            pose = read_pose(message, settings, now, name not in settings['uavs'])
-            if name in settings['uavs']:
+            if message.header.frame_id != settings.frame_id:
+                message = self._transform(message, settings.frame_id)
+            pose = read_pose(message, settings, now, name not in settings.uavs)
+            if name in settings.uavs:
                 x, y, height = self._to_mission(name, (*pose.position, pose.height))
                 pose = replace(pose, position=(x, y), height=height)
         except PoseError as error:
@@ -157,12 +158,12 @@ class PoseBook:
         before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
-    def _note_motion(self, topic: str, name: str, settings: Mapping[str, Any], now: float) -> str:
+    def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """Return advice, once, about an eavesdropper that counts as standing and moves."""
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
-        if (name not in settings['eavesdroppers'] or topic != pose_topic
-                or settings[f'{name}.max_speed']
+        if (name not in settings.eavesdroppers or topic != pose_topic
+                or settings.eavesdroppers[name].max_speed
                 or self.usable_pose(name, settings, now) is not pose):
             return ''
         radius = pose.radius(name, settings)
@@ -182,15 +183,14 @@ class PoseBook:
         """Return the last valid pose of the topic, or None."""
         return self._poses.get(topic)
 
-    def ages(self, settings: Mapping[str, Any], now: float) -> dict[str, float]:
+    def ages(self, settings: PlannerSettings, now: float) -> dict[str, float]:
         """Return the age of the last pose of each topic in s; NaN before the first."""
-        poses = {topic: self._poses.get(topic) for name in (
-            *settings['ground_nodes'], *settings['eavesdroppers'], *settings['uavs'])
-            for topic in member_topics(name)}
+        poses = {topic: self._poses.get(topic) for name in (*settings.receivers, *settings.uavs)
+                 for topic in member_topics(name)}
         return {topic: math.nan if pose is None else pose.age(now)
                 for topic, pose in poses.items()}
 
-    def usable_pose(self, name: str, settings: Mapping[str, Any], now: float
+    def usable_pose(self, name: str, settings: PlannerSettings, now: float
                     ) -> KnownPose | None:
         """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""
         self.follow_clock(now)
@@ -201,41 +201,41 @@ class PoseBook:
             return odometry or pose
         return odometry if pose.time <= odometry.time + _ODOMETRY_LAG else pose
 
-    def check(self, settings: Mapping[str, Any], now: float) -> None:
+    def check(self, settings: PlannerSettings, now: float) -> None:
         """Raise an error of the class of the first problem, with the text of all, if any."""
         if problems := self.problems(settings, now):
             raise type(problems[0])('; '.join(map(str, problems)))
 
-    def problems(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True
+    def problems(self, settings: PlannerSettings, now: float, with_uavs: bool = True
                  ) -> list[PoseError]:
         """Return an error for each topic whose pose cannot be used for planning."""
         problems = []
-        for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
-            if name not in settings['tracks'] and self.usable_pose(name, settings, now) is None:
+        for name in settings.receivers:
+            if name not in settings.tracks and self.usable_pose(name, settings, now) is None:
                 problems += self._reasons(name, settings, now)
-        for name in settings['uavs'] if with_uavs else ():
-            if settings[f'{name}.use_pose'] and self.usable_pose(name, settings, now) is None:
+        for name, uav in settings.uavs.items() if with_uavs else ():
+            if uav.use_pose and self.usable_pose(name, settings, now) is None:
                 problems += [type(problem)(
                     f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
                     f'{name}.start')
                     for problem in self._reasons(name, settings, now)[:1]]
         return problems
 
-    def _reasons(self, name: str, settings: Mapping[str, Any], now: float) -> list[PoseError]:
+    def _reasons(self, name: str, settings: PlannerSettings, now: float) -> list[PoseError]:
         """Return the problems of a member's topics with messages, or else of that of its pose."""
         topics = member_topics(name)
         heard = [topic for topic in topics if topic in self._poses or topic in self._refusals]
         problems = (self.problem(topic, settings, now) for topic in heard or topics[1:])
         return [problem for problem in problems if problem is not None]
 
-    def problem(self, topic: str, settings: Mapping[str, Any], now: float) -> PoseError | None:
+    def problem(self, topic: str, settings: PlannerSettings, now: float) -> PoseError | None:
         """
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
         A receiver needs a pose, on the ground; a UAV does not.
         """
-        is_receiver = topic.partition('/')[0] not in settings['uavs']
-        frame_id, timeout = settings['frame_id'], settings['pose_timeout']
+        is_receiver = topic.partition('/')[0] not in settings.uavs
+        frame_id, timeout = settings.frame_id, settings.pose_timeout
         pose, refusal = self._poses.get(topic), self._refusals.get(topic)
         if refusal is not None and (pose is None or pose.frame_id != frame_id):
             return type(refusal)(f'the last pose on {topic} was refused: {refusal}')
@@ -251,10 +251,10 @@ class PoseBook:
                                   f'pose_timeout is {timeout:g} s{newer}')
         if not is_receiver:
             return None
-        if abs(pose.height) > settings['height_tolerance']:
+        if abs(pose.height) > settings.height_tolerance:
             return PoseError(
                 f'the pose on {topic} has z = {pose.height:g} m and height_tolerance is '
-                f'{settings["height_tolerance"]:g} m; ground nodes and eavesdroppers must '
+                f'{settings.height_tolerance:g} m; ground nodes and eavesdroppers must '
                 'be at z = 0 of the frame, above which altitudes count')
         try:
             _check_sizes(pose, settings)  # The confidence may have changed.
@@ -263,7 +263,7 @@ class PoseBook:
         return None
 
 
-def read_pose(message: Message, settings: Mapping[str, Any], now: float, is_receiver: bool
+def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiver: bool
               ) -> KnownPose:
     """
     Return the pose in a message that arrives now, with the covariances of a receiver.
@@ -310,18 +310,18 @@ def error_radius(covariance: Array, confidence: float) -> float:
     return math.sqrt(-2.0 * math.log1p(-confidence) * largest) * math.sqrt(scale)
 
 
-def _check_sizes(pose: KnownPose, settings: Mapping[str, Any]) -> None:
+def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
     """Raise a PoseError if a covariance gives a radius with which no mission can be planned."""
     for covariance, name, most, unit in (
             (pose.covariance, 'x and y', RADIUS.high, 'm'),
             (pose.velocity_covariance, 'the velocity', MAX_SPEED, 'm/s')):
         if covariance is None:
             continue
-        radius = error_radius(covariance, settings['confidence'])
+        radius = error_radius(covariance, settings.confidence)
         if not radius <= most:
             raise PoseError(
                 f'the covariance of {name} gives an error radius of {radius:g} {unit} at the '
-                f'confidence {settings["confidence"]:g}; it must be at most {most:g} {unit}')
+                f'confidence {settings.confidence:g}; it must be at most {most:g} {unit}')
 
 
 def _check_range(vector: Any, name: str, allowed: Number) -> None:

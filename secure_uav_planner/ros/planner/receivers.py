@@ -5,7 +5,6 @@ An estimate is predicted from its measurement to a horizon in the time of the cl
 mission file holds in the time of the plan. A fresh estimate counts before such a track.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .poses import error_radius, KnownPose, PoseBook
+from .settings import PlannerSettings
 from ...mission.fields import RADIUS
 from ...mission.scenario import Eavesdropper, GroundNode, Scenario
 from ...mission.tracks import LEFT_OUT, Track
@@ -20,9 +20,6 @@ from ...plan.splice import move_receivers
 from ...plan.tracking import PlanClock
 
 _SHORTEST_TRACK = 1.0  # s
-
-REPLAN_REASONS = ('period', 'distance', 'deviation')
-"""Why a replan may be due, as in the parameters `replan_<reason>`."""
 
 
 class Receivers(NamedTuple):
@@ -50,7 +47,7 @@ class Receivers(NamedTuple):
             for kind in ('ground_nodes', 'eavesdroppers')})
 
 
-def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock,
+def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, clock: PlanClock,
                       end: float) -> Receivers:
     """
     Predict the receivers until a horizon, but not beyond the flight.
@@ -63,8 +60,8 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
     nodes, eavesdroppers, notes = [], [], {}
     moving, scheduled = [], set()
-    for name in (*settings['ground_nodes'], *settings['eavesdroppers']):
-        is_node, track = name in settings['ground_nodes'], settings['tracks'].get(name)
+    for name in settings.receivers:
+        is_node, track = name in settings.ground_nodes, settings.tracks.get(name)
         pose = poses.usable_pose(name, settings, now)
         position = radius = LEFT_OUT
         if pose is None:
@@ -75,33 +72,34 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
                 notes[name] = (f'the estimate of {name} counts, and not its track in the mission '
                                'file')
             radius, speed = (0.0, 0.0) if is_node else (
-                pose.radius(name, settings), settings[f'{name}.max_speed'])
+                pose.radius(name, settings), settings.eavesdroppers[name].max_speed)
             if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
                 notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has '
                                'more; that counts')
-            track = _predict(pose, radius, speed, settings['confidence'], until, clock)
+            track = _predict(pose, radius, speed, settings.confidence, until, clock)
             moving.append(track)
             position, radius = (pose.position, radius) if track is None else (LEFT_OUT, LEFT_OUT)
         if is_node:
-            nodes.append(GroundNode(position, name, settings[f'{name}.weight'],
+            node = settings.ground_nodes[name]
+            nodes.append(GroundNode(position, name, node.weight,
                                     track and tuple(knot[:3] for knot in track),
-                                    settings[f'{name}.trusted']))
+                                    node.trusted))
         else:
             eavesdroppers.append(Eavesdropper(
-                position, radius, name, settings[f'{name}.receiver_advantage_db'], track))
+                position, radius, name, settings.eavesdroppers[name].receiver_advantage_db,
+                track))
     return Receivers(
         {'ground_nodes': tuple(nodes), 'eavesdroppers': tuple(eavesdroppers)},
         clock.to_plan(until) if any(moving) else None, notes, frozenset(scheduled))
 
 
-def _horizon(settings: Mapping[str, Any]) -> float:
+def _horizon(settings: PlannerSettings) -> float:
     """Return for how long receivers are predicted in s."""
-    if settings['prediction_horizon']:
-        return float(settings['prediction_horizon'])
-    if any(settings[f'replan_{reason}'] for reason in REPLAN_REASONS):
+    if settings.prediction_horizon:
+        return settings.prediction_horizon
+    if settings.has_replans:
         # Until a replan can take effect that is begun a period, or a lead, later.
-        slot = settings['duration'] / settings['slots']
-        return float(settings['replan_period'] + 2 * (settings['replan_lead'] + slot))
+        return settings.replan_period + 2 * (settings.replan_lead + settings.slot_duration)
     return math.inf
 
 

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
-from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
-from ..parameters import read_fields
-from ..settings import airspace_from, channel_from, origin_from, uav_from
+from .receivers import has_moved, predict_receivers, Receivers
+from .settings import PlannerSettings
 from ...errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError,
     TimeLimitError)
@@ -48,14 +47,14 @@ class StartTime:
     lead_in: float
 
     @classmethod
-    def from_settings(cls, settings: Mapping[str, Any], now_ns: int, flight: Flight | None
+    def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
         """Return the start of a request; in flight, it is at least replan_lead ahead."""
-        is_smooth = any(settings[f'{name}.max_acceleration'] for name in settings['uavs'])
-        lead_in = settings['duration'] / settings['slots'] / 2 if is_smooth else 0.0
-        delay = settings['start_delay']
+        is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
+        lead_in = settings.slot_duration / 2 if is_smooth else 0.0
+        delay = settings.start_delay
         if flight is not None and flight.state == 'flying':
-            delay = max(delay, settings['replan_lead'] + lead_in)
+            delay = max(delay, settings.replan_lead + lead_in)
         return cls(now_ns, delay, lead_in)
 
     @property
@@ -80,11 +79,11 @@ class StartTime:
         left = ahead - min(_PLAN_RESERVE, ahead / 2)
         return left if limit is None else min(limit, left)
 
-    def explain(self, error: Exception, settings: Mapping[str, Any]) -> Exception:
+    def explain(self, error: Exception, settings: PlannerSettings) -> Exception:
         """Return an error of the solve that names start_delay if that was its time limit."""
         limit = self.time_limit(None)
         if not isinstance(error, TimeLimitError) or limit is None or (
-                0 < settings['time_limit'] <= limit):
+                0 < settings.time_limit <= limit):
             return error
         return TimeLimitError(
             f'the plan is to take effect in {self.ahead:.3g} s, which leaves {limit:.2g} s to '
@@ -129,7 +128,7 @@ class Request(NamedTuple):
         return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
                        promised_until=until - later)
 
-    def predict_again(self, plan: Plan, settings: Mapping[str, Any], poses: PoseBook, now_ns: int
+    def predict_again(self, plan: Plan, settings: PlannerSettings, poses: PoseBook, now_ns: int
                       ) -> tuple['Request', Plan]:
         """Return this request and its plan with receivers that are predicted from now."""
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE)
@@ -140,7 +139,7 @@ class Request(NamedTuple):
                 replace(plan, scenario=scenario))
 
 
-def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
+def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
                  states: Sequence[MeasuredState | None], flight: Flight | None) -> Request:
     """
     Return the Request of a new mission, which begins where the UAVs will be.
@@ -152,35 +151,33 @@ def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
     """
     asked = start.asked_ns * 1e-9
     poses.check(settings, asked)
-    uavs = [_with_start_state(uav_from(settings, name), index, state, settings, start, flight)
-            for index, (name, state) in enumerate(
-                zip(settings['uavs'], states, strict=True))]
+    uavs = [_with_start_state(uav.mission, index, state, settings, start, flight)
+            for index, (uav, state) in enumerate(
+                zip(settings.uavs.values(), states, strict=True))]
     clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
         0.0 if start.delay else _RELEASE))
-    end = settings['duration'] * (settings['slots'] + 1) / settings['slots']
+    end = settings.duration * (settings.slots + 1) / settings.slots
     receivers = predict_receivers(settings, poses, asked, clock, end)
     return Request(_scenario(settings, uavs, receivers.fields), start, clock, receivers)
 
 
-def explain_infeasible(settings: Mapping[str, Any]) -> str:
+def explain_infeasible(settings: PlannerSettings) -> str:
     """Return the reason why the mission of the parameters cannot be flown, or an empty string."""
     receivers = {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)}
     try:
-        _scenario(settings, [uav_from(settings, name) for name in settings['uavs']], receivers)
+        _scenario(settings, [uav.mission for uav in settings.uavs.values()], receivers)
     except PlanningError as error:
         return brief(error)
     return ''
 
 
-def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mapping[str, Any]
+def _scenario(settings: PlannerSettings, uavs: Sequence[Uav], receivers: Mapping[str, Any]
               ) -> Scenario:
-    return Scenario(
-        uavs=tuple(uavs), channel=channel_from(settings), origin=origin_from(settings),
-        **receivers, **airspace_from(settings), **read_fields('planner', Scenario, settings))
+    return Scenario(uavs=tuple(uavs), **receivers, **settings.mission)
 
 
 def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
-                      settings: Mapping[str, Any], start: StartTime, flight: Flight | None
+                      settings: PlannerSettings, start: StartTime, flight: Flight | None
                       ) -> Uav:
     """
     Return a UAV that starts where it will be when the plan takes effect.
@@ -205,8 +202,8 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
     else:
         playback = None if flight is None else flight.playback
         start_state = predict_state(
-            state, time, uav.max_acceleration, playback, index, settings['track_tolerance'])
-    return start_from_state(uav, *start_state, settings['duration'] / settings['slots'])
+            state, time, uav.max_acceleration, playback, index, settings.track_tolerance)
+    return start_from_state(uav, *start_state, settings.slot_duration)
 
 
 def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
@@ -299,7 +296,7 @@ class Replanning:
         self._has_failed = False  # The last replan that was due, not only useful.
         self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
 
-    def find_reason(self, last: Plan, settings: Mapping[str, Any], now: float) -> str:
+    def find_reason(self, last: Plan, settings: PlannerSettings, now: float) -> str:
         """
         Return the reason to plan the rest of the mission again, or an empty string.
 
@@ -308,8 +305,8 @@ class Replanning:
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
-        period, distance = settings['replan_period'], settings['replan_distance']
-        if not any(settings[f'replan_{parameter}'] for parameter in REPLAN_REASONS):
+        period, distance = settings.replan_period, settings.replan_distance
+        if not settings.has_replans:
             return ''
         flight = self._tracking.flight(now)
         if flight is None or not flight.rate or not self._tracking.is_steady(now):
@@ -323,7 +320,7 @@ class Replanning:
         since = now - self._last_planned  # Negative after the clock has jumped back.
         if period and not 0 <= since < period:
             return 'period'
-        lead, is_recent = settings['replan_lead'], 0 <= since < settings['replan_lead']
+        lead, is_recent = settings.replan_lead, 0 <= since < settings.replan_lead
         # After a failure, and where receivers are predicted, the rest waits for the lead.
         if not (is_recent and (self._has_failed or plan.scenario.has_tracks)):
             if self._tracking.promise_ends(flight, (lead + _DELIVERY) * flight.rate
@@ -333,7 +330,7 @@ class Replanning:
                     plan.scenario, self._update(flight, settings, now)[0],
                     max(flight.time, self._counts_from), distance):
                 return 'receivers'
-        most = settings['replan_deviation']
+        most = settings.replan_deviation
         if not most or flight.state != 'flying':
             return ''
         stopped = self._find_stopped(settings)
@@ -341,18 +338,18 @@ class Replanning:
             return 'release'
         # A UAV has the lead to come back, unless its relay has stopped it since.
         if not (is_recent and self._stopped == stopped) and any(
-                distance > most and settings[f'{name}.use_pose'] for name, distance in
+                distance > most and settings.uavs[name].use_pose for name, distance in
                 self._tracking.predict_distances(settings, now, lead).items()):
             return 'deviation'
         return ''
 
-    def begin(self, reason: str, settings: Mapping[str, Any], now: float) -> Remainder:
+    def begin(self, reason: str, settings: PlannerSettings, now: float) -> Remainder:
         """
         Begin a replan for a reason: note its time, and return the remainder of the mission.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
-        flight, lead = self._tracking.flight(now), settings['replan_lead']
+        flight, lead = self._tracking.flight(now), settings.replan_lead
         assert flight is not None
         updated, receivers = self._update(flight, settings, now)
         self._last_planned = now
@@ -360,13 +357,13 @@ class Replanning:
         return Remainder(
             flight, now, self._first_point(flight, settings),
             self._tracking.states(flight, settings, now), updated, receivers,
-            reason == 'deviation', settings['track_tolerance'],
+            reason == 'deviation', settings.track_tolerance,
             lead - min(_REPLAN_RESERVE, lead / 2))
 
-    def is_settled(self, settings: Mapping[str, Any], now: float) -> bool:
+    def is_settled(self, settings: PlannerSettings, now: float) -> bool:
         """Return True if all UAVs are on their plan, and the last replan was a lead ago."""
-        return not 0 <= now - self._last_planned < settings['replan_lead'] and all(
-            distance <= settings['track_tolerance']
+        return not 0 <= now - self._last_planned < settings.replan_lead and all(
+            distance <= settings.track_tolerance
             for distance in self._tracking.distances(settings, now).values())
 
     def end(self, now: float, counts_from: float = -math.inf) -> None:
@@ -377,17 +374,17 @@ class Replanning:
         """Note that the remainder was not planned again."""
         self._has_failed = not remainder.must_meet
 
-    def _find_stopped(self, settings: Mapping[str, Any]) -> frozenset[str]:
+    def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:
         """Return the names of the UAVs with a pose to plan from that their relays stop."""
         return self._tracking.find_stopped(
-            name for name in settings['uavs'] if settings[f'{name}.use_pose'])
+            name for name, uav in settings.uavs.items() if uav.use_pose)
 
-    def _first_point(self, flight: Flight, settings: Mapping[str, Any]) -> int:
+    def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
         """Return the first point of a flight that a replan of now may change."""
         return find_first_point(flight.playback.plan.scenario,
-                                flight.time + settings['replan_lead'] * flight.rate)
+                                flight.time + settings.replan_lead * flight.rate)
 
-    def _update(self, flight: Flight, settings: Mapping[str, Any], now: float
+    def _update(self, flight: Flight, settings: PlannerSettings, now: float
                 ) -> tuple[Scenario, Receivers]:
         """Return the scenario of a flight with the present receivers, and these."""
         receivers = predict_receivers(

@@ -1,6 +1,6 @@
 """The thread in which the planner solves and proves bounds, one job after another."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -8,7 +8,7 @@ import threading
 import time
 from typing import Any, TypeAlias
 
-from ..settings import objective_from
+from .settings import PlannerSettings
 from ...bound import shortest_duration, upper_bound
 from ...errors import StoppedError
 from ...mission.scenario import Scenario
@@ -43,7 +43,7 @@ class Job:
         if self.stop.is_set():
             raise StoppedError(self.cancelled)
 
-    def solve(self, scenario: Scenario, settings: Mapping[str, Any], time_limit: float | None,
+    def solve(self, scenario: Scenario, settings: PlannerSettings, time_limit: float | None,
               initial: Plan | None, bits: float = 0.0) -> Plan:
         """
         Solve a mission by the method and for the objective of the parameters.
@@ -57,12 +57,12 @@ class Job:
                 self.on_progress()
             return self.stop.is_set()
 
-        objective = objective_from(settings)
+        objective = settings.objective
         if bits:
             plan = shortest_duration(scenario, bits, objective=objective, time_limit=time_limit,
                                      on_progress=on_iteration)
         else:
-            plan = solve(scenario, method=settings['method'], objective=objective,
+            plan = solve(scenario, method=settings.method, objective=objective,
                          time_limit=time_limit, initial=initial, on_iteration=on_iteration)
         self.raise_if_cancelled()
         return plan

@@ -1,7 +1,7 @@
 """The relay node: setpoints in the messages of an autopilot's stack, and odometry back from it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 import time
@@ -21,14 +21,53 @@ from ..parameters import RELAY, RELAY_MEMBERS
 from ..process import run_node
 from ..references import LocalFrames
 from ..relay_reports import RelayState, REPORT_PERIOD
-from ..settings import check_references, Settings
+from ..settings import (
+    check_references, origin_from, read_settings, Settings, VehicleSettings)
 from ..topics import (
     Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
 from ...errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
+from ...mission.geography import Origin
 from ...output.autopilots import rotation, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # Time [s] between setpoints of a held position.
 _WARN_AGAIN = 5.0  # Least time [s] between two equal warnings.
+
+
+@dataclass(frozen=True)
+class RelayUavSettings(VehicleSettings):
+    """The parameters of the relay for a UAV."""
+
+    max_speed: float
+    max_acceleration: float
+
+
+@dataclass(frozen=True)
+class RelaySettings:
+    """The parameters of the relay by their names."""
+
+    uavs: Mapping[str, RelayUavSettings]
+    origin: Origin | None
+    mission_file: str
+    service_introspection: str
+    stack: str
+    vehicles: tuple[str, ...]
+    frame_id: str
+    publish_odometry: bool
+    setpoint_timeout: float
+    max_jump: float
+    start_tolerance: float
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> 'RelaySettings':
+        """
+        Return the settings for the values of all parameters by name.
+
+        :raises PlanningError: for a wrong combination; it names the parameter.
+        """
+        _check_vehicles(values)
+        check_references(values)
+        return read_settings(cls, values, origin=origin_from(values), uavs={
+            name: read_settings(RelayUavSettings, values, f'{name}.') for name in values['uavs']})
 
 
 class Relay(Node):
@@ -36,13 +75,13 @@ class Relay(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('relay', **options)
-        self._settings = Settings(self, RELAY, _check, RELAY_MEMBERS)
-        uavs = self._settings['uavs']
-        self._stack = STACKS[self._settings['stack']]
+        self._declared = Settings(self, RELAY, RelaySettings.from_values, RELAY_MEMBERS)
+        uavs = [*self._settings.uavs]
+        self._stack = STACKS[self._settings.stack]
         names = [*(f'{self._stack.package}/{kind}' for kind in self._stack.topics),
                  *self._stack.states]
         self._kinds = dict(zip([*self._stack.topics, *self._stack.states], import_messages(
-            'stack', self._settings['stack'], self._stack, names), strict=True))
+            'stack', self._settings.stack, self._stack, names), strict=True))
         check_versions(self, names)
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
         self._is_enabled = True
@@ -54,12 +93,12 @@ class Relay(Node):
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._states: dict[str, dict[str, Any]] = {name: {} for name in uavs}
         topics = dict(TOPICS['relay', 'pub'])
-        if not self._settings['publish_odometry']:
+        if not self._settings.publish_odometry:
             del topics['<uav>/odom']
         self._node_outputs = publishers(self, topics, uavs)
         subscribe(self, TOPICS['relay', 'sub'], self._on_setpoint, self.default_callback_group,
                   uavs)
-        vehicles = dict(zip(uavs, self._settings['vehicles'] or uavs, strict=True))
+        vehicles = dict(zip(uavs, self._settings.vehicles or uavs, strict=True))
         for name, vehicle in vehicles.items():
             self._outputs[name] = {kind: self.create_publisher(
                 self._kinds[kind], f'{vehicle}/{topic}', STREAM,
@@ -69,19 +108,24 @@ class Relay(Node):
                 self.create_subscription(
                     self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
                     SENSOR, qos_overriding_options=OVERRIDABLE)
-        self._frames = LocalFrames(self, self._settings, vehicles, self._on_frame_change)
+        self._frames = LocalFrames(
+            self, lambda: self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
         # Reports continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD, self._publish_reports, clock=steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
-        self._settings.warn_of_unknown()
-        if not self._settings['start_tolerance']:
+        self._declared.warn_of_unknown()
+        if not self._settings.start_tolerance:
             self.get_logger().warning(
                 'start_tolerance is 0: the first setpoint is relayed wherever the vehicle is')
         self.get_logger().info(brief(
-            f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings["stack"]}'))
+            f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings.stack}'))
+
+    @property
+    def _settings(self) -> RelaySettings:
+        return self._declared.current
 
     def close(self) -> bool:
         """Return True: no thread is left running."""
@@ -92,9 +136,10 @@ class Relay(Node):
         return self.get_clock().now().nanoseconds
 
     def _limits(self, name: str) -> Limits:
-        return Limits(*(self._settings[key] for key in (
-            f'{name}.max_speed', f'{name}.max_acceleration', 'max_jump', 'start_tolerance',
-            'setpoint_timeout')))
+        settings = self._settings
+        uav = settings.uavs[name]
+        return Limits(uav.max_speed, uav.max_acceleration, settings.max_jump,
+                      settings.start_tolerance, settings.setpoint_timeout)
 
     def _on_enable(self, is_enabled: bool) -> Answer:
         self._is_enabled = is_enabled
@@ -115,9 +160,9 @@ class Relay(Node):
             if message.joint_names not in ([], [name]):
                 raise OptionError(f'joint_names is {quote(message.joint_names)}; it must be '
                                   f'{quote([name])}, or empty')
-            if message.header.frame_id != self._settings['frame_id']:
+            if message.header.frame_id != self._settings.frame_id:
                 raise OptionError(f'frame_id is {quote(message.header.frame_id)}; it must be '
-                                  f'{quote(self._settings["frame_id"])}')
+                                  f'{quote(self._settings.frame_id)}')
             setpoint = read_setpoint(message)
             # The guard works in the vehicle's frame, so that it sees a change of the origin.
             setpoint = replace(setpoint, position=self._frames.to_local(name, setpoint.position))
@@ -139,7 +184,7 @@ class Relay(Node):
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
                 self._loggers[name].warning(
-                    f'no setpoint of {name} has come for {self._settings["setpoint_timeout"]:g} '
+                    f'no setpoint of {name} has come for {self._settings.setpoint_timeout:g} '
                     's; nothing more is sent, so that its autopilot notices')
             elif (held := guard.hold(now)) is not None:
                 self._loggers[name].warning(
@@ -204,7 +249,7 @@ class Relay(Node):
     def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
         header, position = odometry.header, odometry.pose.pose.position
         position.x, position.y, position.z = place
-        header.frame_id = self._settings['frame_id']
+        header.frame_id = self._settings.frame_id
         odometry.child_frame_id = f'{name}/base_link'
         if not (header.stamp.sec or header.stamp.nanosec):
             header.stamp = self.get_clock().now().to_msg()
@@ -225,14 +270,13 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
     return values
 
 
-def _check(values: Mapping[str, Any]) -> None:
+def _check_vehicles(values: Mapping[str, Any]) -> None:
     vehicles, uavs = values['vehicles'], values['uavs']
     if len(set(vehicles)) < len(vehicles):
         raise ParameterError(f'vehicles is {quote(vehicles)}; the names must be unique')
     if vehicles and len(vehicles) != len(uavs):
         raise ParameterError(f'vehicles is {quote(vehicles)}; it must be empty or have a name for '
                              f'each of uavs, which is {quote(uavs)}')
-    check_references(values)
 
 
 main = partial(run_node, Relay)

@@ -1,6 +1,7 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 import math
 import os
@@ -21,7 +22,7 @@ from .. import messages
 from ..parameters import REPLAY
 from ..planner.status import WarningLog
 from ..process import run_node
-from ..settings import Settings
+from ..settings import read_settings, Settings
 from ..topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ...errors import brief, OptionError, ParameterError, quote
 from ...mission.scenario import Point
@@ -38,16 +39,45 @@ _LATE = 3.0  # s after point 0
 _SILENCE = 5.0  # s without a plan, after which paths of another planner are looked for.
 
 
+@dataclass(frozen=True)
+class ReplaySettings:
+    """The parameters of the replay by their names; no `true_eavesdropper` is None."""
+
+    mission_file: str
+    uavs: tuple[str, ...]
+    service_introspection: str
+    plan_file: str
+    frame_id: str
+    rate: float
+    speed: float
+    loop: bool
+    autostart: bool
+    vehicle_odometry: bool
+    start_tolerance: float
+    track_tolerance: float
+    mute_unpromised: bool
+    true_eavesdropper: Point | None
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> 'ReplaySettings':
+        """Return the settings for the values of all parameters by name."""
+        place = values['true_eavesdropper']
+        if len(place) == 1:
+            raise ParameterError(
+                f'true_eavesdropper is {quote(place)}; it must be (x, y) in m, or empty')
+        return read_settings(cls, values, true_eavesdropper=tuple(place) or None)
+
+
 class Replay(Node):
     """Replays the plan of the topic, or a saved plan; see docs/replay.md."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('replay', **options)
-        self._settings = Settings(self, REPLAY, _check)
-        self._uavs = self._settings['uavs']
-        self._frame_id = self._settings['frame_id']
+        self._declared = Settings(self, REPLAY, ReplaySettings.from_values)
+        self._uavs = [*self._settings.uavs]
+        self._frame_id = self._settings.frame_id
         self._player = Player(lambda reason: self.get_logger().warning(
-            brief(f'the new plan is not played: {reason}')), self._settings['mute_unpromised'])
+            brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
         self._is_promised = True  # Whether the slot of the last setpoint is.
         self._closed, self._ticked = False, time.monotonic()
         self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
@@ -58,7 +88,7 @@ class Replay(Node):
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
         self._follower = f'{self.get_fully_qualified_name()} (process {os.getpid()})'
-        plan = _load_plan(self._settings['plan_file'])
+        plan = _load_plan(self._settings.plan_file)
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Why there is no plan.
@@ -72,14 +102,14 @@ class Replay(Node):
                       lambda _, message: self._reader.read(message.data), self._group, ())
             self.create_timer(_SILENCE, self._check_publisher, self._group,
                               Clock(clock_type=ClockType.STEADY_TIME))
-        self._settings.warn_of_unknown()
+        self._declared.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
         topics, relay = dict(TOPICS['replay', 'pub']), '<uav>/relay'
         subscribe(self, {relay: TOPICS['replay', 'sub'][relay]}, self._on_relay, self._group,
                   self._uavs)
-        if self._settings['vehicle_odometry']:
+        if self._settings.vehicle_odometry:
             odometry = topics.pop('<uav>/odom')
             subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
                       self._group, self._uavs)
@@ -87,10 +117,14 @@ class Replay(Node):
         # A start may wait for a plan that is being read; setpoints are sent meanwhile.
         serve(self, {'~/start': self._on_start}, ReentrantCallbackGroup())
         serve(self, {'~/pause': self._on_pause, '~/reset': self._on_reset}, self._group)
-        rate = self._settings['rate']
+        rate = self._settings.rate
         self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
         self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
                           callback_group=self._group, clock=timer_clock(self))
+
+    @property
+    def _settings(self) -> ReplaySettings:
+        return self._declared.current
 
     def close(self) -> bool:
         """Stop reading; return True, since no thread is left running."""
@@ -140,9 +174,9 @@ class Replay(Node):
         if self._player.load(plan):
             self._frame_id = frame_id
             # A revision of the same flight goes on, or stays paused, as that does.
-            autostarts = self._settings['autostart'] and (
+            autostarts = self._settings.autostart and (
                 before is None or before.plan.start_ns != plan.start_ns)
-            is_late = not self._settings['plan_file'] and (
+            is_late = not self._settings.plan_file and (
                 self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
             if autostarts and not is_late:
                 self._start()
@@ -152,7 +186,7 @@ class Replay(Node):
 
     @property
     def _eavesdropper(self) -> Point | None:
-        return tuple(self._settings['true_eavesdropper']) or None
+        return self._settings.true_eavesdropper
 
     def _on_odometry(self, topic: str, message: Odometry) -> None:
         self._vehicles.take(topic, message, self.get_clock().now().nanoseconds)
@@ -166,7 +200,7 @@ class Replay(Node):
         """Release the plan; return its next state in words."""
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start([None if isinstance(place, str) else place for place in self._places(now)],
-                     self._settings['start_tolerance'])
+                     self._settings.start_tolerance)
         self._released_ns = now
         self._unmet = [] if player.streaming else self._unmet_conditions(now)
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
@@ -215,7 +249,7 @@ class Replay(Node):
             if player.playing:
                 self._update_unmet(self._unmet_conditions(now))
         was_playing = player.playing
-        moment = player.tick(now, self._settings['speed'], self._eavesdropper,
+        moment = player.tick(now, self._settings.speed, self._eavesdropper,
                              is_ready=not self._unmet, longest=longest,
                              is_silent=self._is_silent(now))
         self._ticked_ns = now
@@ -238,7 +272,7 @@ class Replay(Node):
                 self.get_logger().warning(problem)
         if player.streaming and player.flight.is_under_way:
             lost = self._vehicles.find_lost(
-                player.flight, self._ticked_ns, self._frame_id, self._settings['track_tolerance'],
+                player.flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,
                 now_ns)
         if {*lost} != self._lost:
             self.get_logger().warning(f'no power is sent: {"; ".join(lost.values())}' if lost else
@@ -252,12 +286,12 @@ class Replay(Node):
 
     def _unmet_conditions(self, now_ns: int) -> list[str]:
         """Return the conditions that the first setpoint waits for, in words."""
-        settings, is_simulated = self._settings, not self._settings['vehicle_odometry']
+        settings, is_simulated = self._settings, not self._settings.vehicle_odometry
         places = [None if is_simulated else place for place in self._places(now_ns)]
         unmet = [place for place in places if isinstance(place, str)]
         unmet += self._player.unmet_conditions(
             [None if isinstance(place, str) else place for place in places],
-            settings['start_tolerance'], settings['speed'])
+            settings.start_tolerance, settings.speed)
         # Simulated UAVs may fly without a subscriber each, after a while.
         if is_simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
             return unmet
@@ -293,7 +327,7 @@ class Replay(Node):
                           flight.playback.plan.identity)
         if slot and self._is_promised:
             self.get_logger().warning(f'slot {slot} of plan {identity} is not promised; ' + (
-                'no power is sent' if self._settings['mute_unpromised'] else
+                'no power is sent' if self._settings.mute_unpromised else
                 'powers are sent all the same, unless mute_unpromised is set'))
         elif not slot and not self._is_promised and flight.is_under_way:
             self.get_logger().info(f'the rates of plan {identity} are promised again')
@@ -308,7 +342,7 @@ class Replay(Node):
         self.get_logger().info(
             f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest jump between '
             f'consecutive setpoints {jump:.3f} m')
-        if self._settings['loop']:
+        if self._settings.loop:
             self._player.reset()
             self._start()
 
@@ -318,13 +352,6 @@ def _load_plan(file: str) -> Plan | None:
         return Plan.load(file) if file else None
     except (OSError, ValueError) as error:
         raise ParameterError(f'parameter plan_file: {brief(error)}') from None
-
-
-def _check(values: Mapping[str, Any]) -> None:
-    place = values['true_eavesdropper']
-    if len(place) == 1:
-        raise ParameterError(
-            f'true_eavesdropper is {quote(place)}; it must be (x, y) in m, or empty')
 
 
 main = partial(run_node, Replay)

@@ -1,0 +1,59 @@
+"""The file that keeps the last plan of a planner over a restart."""
+
+from collections.abc import Sequence
+import hashlib
+from pathlib import Path
+import socket
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from ...errors import brief, ParameterError, PlanFileError
+from ...plan.plan import Plan
+
+
+def check_plan_file(file: str) -> None:
+    """Raise a ParameterError if the folder of the plan_file is not there."""
+    if file and not Path(file).parent.is_dir():
+        meaning = '; ~ does not stand for a folder here' if file.startswith('~') else ''
+        raise ParameterError(
+            f'parameter plan_file: {brief(file)} must be in a folder that is there{meaning}',
+            ('plan_file',))
+
+
+def reserve_plan_file(file: str) -> socket.socket | None:
+    """
+    Reserve a plan file until the socket is closed or the process ends; None if another has it.
+
+    A name of an abstract socket leaves no file behind, however a process ends.
+    """
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    name = hashlib.sha256(str(Path(file).resolve()).encode()).hexdigest()
+    try:
+        holder.bind(f'\0secure_uav_planner {name}')
+    except OSError:
+        holder.close()
+        return None
+    return holder
+
+
+def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
+    """
+    Load a plan with a start for UAVs and ground nodes of these names; None without a file.
+
+    :raises PlanFileError: for another plan, or as Plan.load does.
+    """
+    if not Path(file).exists():
+        return None
+    plan = Plan.load(file)
+    names = [uav.name for uav in plan.scenario.uavs], [*plan.scenario.ground_node_names]
+    if names != ([*uavs], [*nodes]) or plan.start_ns is None:
+        raise PlanFileError(f'{file} is not a plan for {", ".join([*uavs, *nodes])}')
+    return plan
+
+
+def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
+    """Save a plan, or log why that fails."""
+    try:
+        plan.save(file)
+    except (OSError, ValueError) as error:
+        log.error(f'plan_file: {brief(error)}; the plan is published all the same')
