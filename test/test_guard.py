@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.output.autopilots import Setpoint
-from secure_uav_planner.ros.relay.guard import Guard, Limits
+from secure_uav_planner.ros.relay.guard import Guard, Limits, StreamState
 
 LIMITS = Limits(max_speed=10.0, max_acceleration=2.0, max_jump=1.0, start_tolerance=0.0,
                 timeout=1.0)
@@ -179,3 +179,19 @@ def test_what_becomes_of_a_stream_is_told_with_its_reason():
     assert guard.stream(now + 2 * SECOND, LIMITS) == ('silent', '')
     guard.note_refusal('it is 50.0 m from the vehicle', now + 3 * SECOND)
     assert guard.stream(now + 3 * SECOND, LIMITS) == ('refused', 'it is 50.0 m from the vehicle')
+
+
+def test_a_stream_has_a_state_from_its_first_setpoint_to_its_end():
+    guard = Guard()
+    assert guard.state(0, CHECKED) is StreamState.NONE
+    guard, x, now = streamed()
+    assert guard.state(now, CHECKED) is StreamState.FOLLOWING
+    assert guard.state(now + SECOND // 2, CHECKED) is StreamState.HELD
+    guard.change_frame(lambda place: place)
+    assert guard.state(now, CHECKED) is StreamState.NEW
+    guard.note_position((x, 0.0, 100.0), now + STEP)
+    assert passes(guard, at(x, now + STEP), limits=CHECKED)
+    assert guard.state(now + STEP, CHECKED) is StreamState.FOLLOWING
+    assert guard.state(now + 2 * SECOND, CHECKED) is StreamState.ENDED
+    assert guard.has_ended(now + 2 * SECOND, CHECKED)
+    assert guard.state(now + 2 * SECOND, CHECKED) is StreamState.NONE

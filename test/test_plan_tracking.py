@@ -300,12 +300,15 @@ def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():
 def test_a_refusal_of_a_replan_ends_when_it_is_due_no_more_and_a_short_replan_is_no_warning():
     plan = fly_hover_fly(Scenario.paper(120.0, slots=10))
     state = State()
-    for count, status, level in (('plans', 'converged', DiagnosticStatus.OK),
-                                 ('plans', 'time_limit', DiagnosticStatus.WARN),
-                                 ('replans', 'time_limit', DiagnosticStatus.OK),
-                                 ('replans', 'numerical_trouble', DiagnosticStatus.WARN)):
-        state.keep(replace(plan, status=status), count)
-        assert state.outcome.level == level, (count, status)
+    for keep, status, level in (
+            (state.keep_requested, 'converged', DiagnosticStatus.OK),
+            (state.keep_requested, 'time_limit', DiagnosticStatus.WARN),
+            (state.keep_replan, 'time_limit', DiagnosticStatus.OK),
+            (state.keep_replan, 'numerical_trouble', DiagnosticStatus.WARN)):
+        keep(replace(plan, status=status))
+        assert state.outcome.level == level, status
+    assert (state.plans, state.replans) == (2, 0)  # The replans changed nothing.
+    assert state.keep_replan(replace(plan, start_ns=5)) and state.replans == 1
 
 
 def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plans):

@@ -18,7 +18,8 @@ from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
-from secure_uav_planner.ros.planner.request import Replanning
+from secure_uav_planner.ros.planner.replan import Replanning
+from secure_uav_planner.ros.planner.solver import Job
 from secure_uav_planner.ros.relay.guard import Guard, Limits, Stream
 from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
 from strategies import with_uavs
@@ -55,30 +56,26 @@ class Bench:
             self.report(now - 0.25 - START)
             self.report(now - START)
 
-    def replan(self, last, now, **settings):
-        settings = settings_with(**{'replan_lead': 5.0, **settings})
+    def replan(self, last, now, made={}, **settings):
+        settings = replace(settings_with(**{'replan_lead': 5.0, **settings}), **made)
         self.fly(now)
         self.tracking.observe(settings, now)
-        reason = self.replanning.find_reason(last, settings, now)
-        if not reason:
+        rule = self.replanning.find_rule(last, settings, now)
+        if rule is None:
             return
-        remainder = self.replanning.begin(reason, settings, now)
+        remainder = self.replanning.take_remainder(rule, settings, now)
         try:
-            rejoin = remainder.find_rejoin()
-            plan = remainder.date(rejoin.splice(solve(
-                rejoin.scenario, method=settings.method, objective=settings.objective,
-                initial=rejoin.tail, time_limit=remainder.time_limit)))
+            plan, rejoin, begin, _ = remainder.solve(Job(lambda: None, 'cancelled', True))
             ready = now + self.solving
             self.fly(ready)
             remainder.check_in_time(rejoin, self.tracking.flight(ready), ready)
         except PlanningError as error:
-            self.replanning.fail(remainder)
+            self.replanning.note_failure(rule)
             self.refused.append(error)
         else:
             self.published.append((plan, rejoin.effect))
-            begin = (rejoin.first + 1) * plan.scenario.slot_duration
             self.tracking.add_plan(plan, ready)
-            self.replanning.end(ready, begin)
+            self.replanning.note_plan(ready, begin)
             self.plan = plan
 
     def add_pose(self, topic, message, now):
@@ -167,7 +164,7 @@ def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
 def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
     # It fails before the solver begins, or the plan comes when it is to take effect no more.
     bench.solving = 1000.0 if late else 0.0
-    wrong = {} if late else {'method': 'alternating', 'objective': 'worst_case'}
+    wrong = {} if late else {'made': {'method': 'alternating', 'objective': 'worst_case'}}
     # A lead that a loaded machine keeps, too.
     moved = {'eavesdropper': (160.0, 0.0), 'replan_distance': 5.0, 'replan_lead': 40.0, **wrong}
     for time, failures in ((30.0, 1), (30.1, 1), (69.9, 1), (70.1, 2), (70.2, 2)):
@@ -175,7 +172,7 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
         assert len(bench.refused) == failures, time
     assert all(isinstance(error, LateError if late else OptionError) for error in bench.refused)
     # A new plan, as of a request, ends the wait.
-    bench.replanning.end(START + 70.3)
+    bench.replanning.note_plan(START + 70.3)
     bench.solving = 0.0
     bench.check(70.4, (160.0, 0.0), replan_distance=5.0, replan_lead=40.0)
     assert len(bench.published) == 1 and len(bench.refused) == 2

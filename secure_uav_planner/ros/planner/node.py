@@ -11,21 +11,20 @@ from dataclasses import replace
 from functools import partial
 import math
 import time
-from typing import Any, TypeAlias
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
 from .plan_file import check_plan_file, load_plan, reserve_plan_file, save_plan
-from .plan_tracking import check_continuation, PlanTracking
+from .plan_tracking import PlanTracking
 from .poses import PoseBook
-from .request import (
-    explain_infeasible, make_request, Remainder, Replanning, Request, StartTime)
+from .replan import Remainder, Replanning
+from .request import Call, explain_infeasible, make_request, Request, StartTime
 from .settings import PlannerSettings
 from .solver import Job, Result, SolverThread
 from .status import (
@@ -39,16 +38,11 @@ from ..topics import publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
 from ...errors import brief, BusyError, describe_error, PlanningError, PoseError
 from ...optimize.initial import is_similar
-from ...optimize.rejoin import Rejoin
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
-_SHORTEST_SOLVE = 0.01  # s
-
-Outgoing: TypeAlias = tuple[Plan, dict[str, bytes]]
-"""A plan and its serialized messages by topic."""
 
 
 class Planner(Node):
@@ -75,8 +69,7 @@ class Planner(Node):
         self._tracking = PlanTracking(self._poses)
         self._state = State()
         self._solver = SolverThread(self._post, self._publish_status)
-        self._answer: Future | None = None  # To the request that waits.
-        self._checked = Future()  # Done at the next check.
+        self._call = Call('answered')  # The last call of ~/plan.
         self._closed = False
         self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
@@ -116,7 +109,7 @@ class Planner(Node):
         self._closed = True
         if self._file_holder is not None:
             self._file_holder.close()
-        self._reply(False, 'the planner is stopping')
+        self._call.reply(False, 'the planner is stopping')
         return self._solver.close(timeout=1.0)
 
     def _now_ns(self) -> int:
@@ -157,31 +150,25 @@ class Planner(Node):
 
     async def _on_plan(self) -> tuple[bool, str]:
         """Wait for the answer, while the executor runs other callbacks."""
-        if self._answer is not None and not self._answer.done():
+        if self._call.state != 'answered':
             busy = BusyError('a solve is under way')
             self._refuse(busy)
             return False, str(busy)
-        self._answer = answer = Future()
-        try:
-            while time.monotonic() < self._discovery_deadline and not (
-                    self._tracking.has_rate or answer.done()):
-                await self._checked
-            if not answer.done():
-                self._plan()
-            return await answer
-        finally:
-            if self._answer is answer:
-                self._answer = None
+        self._call = Call()
+        self._plan_if_discovered()
+        return await self._call.answer
 
-    def _reply(self, success: bool, text: str) -> None:
-        """Answer the request, unless it has been answered."""
-        if self._answer is not None and not self._answer.done():
-            self._answer.set_result((success, text))
+    def _plan_if_discovered(self) -> None:
+        """Start the solve of a call that waits, unless a follower may still be discovered."""
+        if self._call.state == 'waits' and (
+                self._tracking.has_rate or time.monotonic() >= self._discovery_deadline):
+            self._call.state = 'solved'
+            self._plan()
 
     def _plan(self) -> None:
         """Start the solve of a request."""
         began, now_ns = time.monotonic(), self._now_ns()
-        settings, now = self._settings, now_ns * 1e-9
+        settings, now, last = self._settings, now_ns * 1e-9, self._state.plan
         try:
             self._tracking.check_steady(now)
             self._tracking.check_known(now)
@@ -193,47 +180,38 @@ class Planner(Node):
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
         except Exception as error:
-            self._reply(False, self._refuse(error))
+            self._call.reply(False, self._refuse(error))
             return
         self._log_notes(request.receivers.notes)
-        scenario, last = request.scenario, self._state.plan
-        initial = last if last and is_similar(scenario, last.scenario) else None
+        self._solve(request, last if last and is_similar(request.scenario, last.scenario) else None,
+                    None if limit is None else began + limit)
 
-        def work(job: Job) -> Outgoing:
-            left = None if limit is None else max(
-                _SHORTEST_SOLVE, limit - (time.monotonic() - began))
-            return date(request, job.solve(
-                scenario, settings, left, initial, settings.deliver))
+    def _solve(self, request: Request, initial: Plan | None = None, until: float | None = None
+               ) -> None:
+        self._start(lambda job: request.solve(job, initial, until, self._now_ns),
+                    partial(self._finish_request, request), 'cancelled')
 
-        def date(request: Request, plan: Plan) -> Outgoing:
-            plan = request.date(plan, self._now_ns())
-            return plan, messages.serialize_plan(plan, settings.frame_id)
-
-        def finish(result: Result, is_last: bool = False) -> None:
-            try:
-                plan, outgoing = result()
-                if not (plan.promise.slots or start.delay or is_last):
-                    # The solve took longer than its receivers were predicted for.
-                    again = request.predict_again(
-                        plan, settings, self._poses, self._now_ns())
-                    self._start(lambda job: date(*again), partial(finish, is_last=True),
-                                'cancelled')
-                    return
-                start.check_in_time(self._now_ns())
-                self._tracking.check_steady(self._now())
-                check_continuation(flight, self._flight(self._now()), self._now() - now)
-                text = f'plan {plan.identity}: ' + self._publish_plan(plan, outgoing, 'plans')
-            except Exception as error:
-                self._reply(False, self._refuse(start.explain(error, settings)))
+    def _finish_request(self, request: Request, result: Result) -> None:
+        """Publish the plan of a request, and answer its call."""
+        try:
+            plan, outgoing = result()
+            if request.is_outlasted_by(plan):
+                self._solve(request.predict_again(plan, self._poses, self._now_ns()))
                 return
-            if flight is not None and flight.is_under_way:
-                text += (f'; it goes on from plan {flight.playback.plan.identity}, which is '
-                         f'{flight.state}')
-            unknown = self._tracking.unknown_plan(self._now())
-            self._reply(True, text + (
-                '' if unknown is None else f'; the follower has another plan, {unknown}'))
-
-        self._start(work, finish, 'cancelled')
+            request.start.check_in_time(self._now_ns())
+            now = self._now()
+            self._tracking.check_steady(now)
+            request.check_flight(self._flight(now), now)
+            self._state.keep_requested(plan)
+            self._publish_plan(plan, outgoing)
+            self._save(plan)
+            text = self._log_outcome()
+        except Exception as error:
+            self._call.reply(False, self._refuse(request.start.explain(error, request.settings)))
+            return
+        unknown = self._tracking.unknown_plan(self._now())
+        self._call.reply(True, f'plan {plan.identity}: {text}{request.flight_text}' + (
+            '' if unknown is None else f'; the follower has another plan, {unknown}'))
 
     def _log_notes(self, notes: Mapping[str, str]) -> None:
         """Log what is to be said of a receiver when it is another word than the last."""
@@ -275,11 +253,10 @@ class Planner(Node):
     def _on_check(self) -> None:
         settings, now = self._settings, self._now()
         self._poses.follow_clock(now)
-        self._checked.set_result(None)
-        self._checked = Future()
         self._tracking.observe(settings, now)
+        self._plan_if_discovered()
         if (ended := self._tracking.check_promise(now)) is not None:
-            self._end_promise(ended)
+            self._keep_ended(ended)
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.forget_replan()
@@ -290,10 +267,10 @@ class Planner(Node):
         if self._solver.is_solving or self._state.plan is None or self._closed:
             return
         try:
-            reason = self._replanning.find_reason(self._state.plan, settings, now)
-            if not reason and self._replanning.is_settled(settings, now):
+            rule = self._replanning.find_rule(self._state.plan, settings, now)
+            if rule is None and self._replanning.is_settled(settings, now):
                 self._state.forget_replan()
-            remainder = self._replanning.begin(reason, settings, now) if reason else None
+            remainder = rule and self._replanning.take_remainder(rule, settings, now)
             self._replan_problem = ''
         except PlanningError as error:
             problem = f'the rest of the mission cannot be planned again: {brief(error)}'
@@ -302,39 +279,32 @@ class Planner(Node):
             self._replan_problem = problem
             return
         if remainder is not None:
-            self._replan(remainder, settings)
+            self._log_notes(remainder.receivers.notes)
+            self._start(remainder.solve, partial(self._finish_replan, remainder),
+                        'the replan was cancelled')
 
-    def _end_promise(self, plan: Plan) -> None:
+    def _keep_ended(self, plan: Plan) -> None:
         """Keep a plan whose promise has ended, if it is the last one."""
         if self._state.plan is not None and plan.identity == self._state.plan.identity:
             self._state.plan = plan
             self._save(plan)
 
-    def _replan(self, remainder: Remainder, settings: PlannerSettings) -> None:
-        """Start the solve of a replan."""
-        def work(job: Job) -> tuple[Plan, Rejoin, float, dict[str, bytes]]:
-            rejoin = remainder.find_rejoin()
-            plan = remainder.date(rejoin.splice(
-                job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail)))
-            begin = (rejoin.first + 1) * plan.scenario.slot_duration
-            return plan, rejoin, begin, messages.serialize_plan(
-                plan, settings.frame_id, begin)
-
-        def finish(result: Result) -> None:
-            try:
-                plan, rejoin, begin, outgoing = result()
-                now = self._now()
-                remainder.check_in_time(rejoin, self._tracking.flight(now), now)
-            except Exception as error:
-                self._replanning.fail(remainder)
-                self._refuse(error, is_replan=True)
-                return
-            # Also where the flight is the same: its receivers may have moved.
-            is_new = plan.identity != self._state.plan.identity
-            self._publish_plan(plan, outgoing, 'replans' if is_new else '', begin)
-
-        self._log_notes(remainder.receivers.notes)
-        self._start(work, finish, 'the replan was cancelled')
+    def _finish_replan(self, remainder: Remainder, result: Result) -> None:
+        """Publish the plan of a remainder."""
+        try:
+            plan, rejoin, begin, outgoing = result()
+            now = self._now()
+            remainder.check_in_time(rejoin, self._tracking.flight(now), now)
+        except Exception as error:
+            self._replanning.note_failure(remainder.rule)
+            self._refuse(error, is_replan=True)
+            return
+        # Also where the flight is the same: its receivers may have moved.
+        is_new = self._state.keep_replan(plan)
+        self._publish_plan(plan, outgoing, begin)
+        self._save(plan)
+        if is_new:
+            self._log_outcome()
 
     # Publishing
 
@@ -346,33 +316,33 @@ class Planner(Node):
                     plan := load_plan(file, self._uavs, [*self._settings.ground_nodes])) is None:
                 return
             outgoing = messages.serialize_plan(plan, self._settings.frame_id)
-            self._publish_plan(plan, outgoing, 'plans', is_restored=True)
+            self._state.keep_restored(plan)
+            self._publish_plan(plan, outgoing)
+            self._log_outcome()
             self._discovery_deadline = time.monotonic() + _DISCOVERY
         except Exception as error:
             describe = brief if isinstance(error, (PlanningError, OSError)) else describe_error
             self.get_logger().warning(f'plan_file: {describe(error)}; it is not published')
 
-    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], count: str,
-                      begin: float = -math.inf, is_restored: bool = False) -> str:
+    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], begin: float = -math.inf
+                      ) -> None:
         """
-        Publish, track and save a plan; return its summary in one line.
+        Publish and track the last plan of the state.
 
-        :param count: which count to increase; empty for a plan that is not announced.
         :param begin: time of the plan in s from which its receivers are the present ones.
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
         now = self._now()
-        self._state.keep(plan, count, 'restored: ' if is_restored else '')
         self._local_frames.moves.clear()
         self._tracking.add_plan(plan, now)
-        self._replanning.end(now, begin)
-        if not is_restored:
-            self._save(plan)
-        outcome = self._state.outcome
-        if count:
-            log_at(self.get_logger(), outcome.level, outcome.text)
+        self._replanning.note_plan(now, begin)
         self._publish_status()
+
+    def _log_outcome(self) -> str:
+        """Log and return the outcome of the last request or replan in one line."""
+        outcome = self._state.outcome
+        log_at(self.get_logger(), outcome.level, outcome.text)
         return outcome.text
 
     def _prove_bound(self) -> None:

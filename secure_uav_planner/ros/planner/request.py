@@ -1,34 +1,56 @@
-"""
-Problems for the solver, from parameters, poses and the flight.
+"""A request for a new mission: from its call to its answer, from parameters and poses to a plan."""
 
-A request plans a new mission, which begins at a StartTime; Replanning says when and why the
-remainder of the mission in flight is due to be planned again.
-"""
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 import math
-from typing import Any, NamedTuple
+import time
+from typing import Any, Literal, TypeAlias
 
-from .plan_tracking import check_continuation, PlanTracking
+from rclpy.task import Future
+
+from .plan_tracking import check_continuation
 from .poses import PoseBook
-from .receivers import has_moved, predict_receivers, Receivers
+from .receivers import predict_receivers, Receivers
 from .settings import PlannerSettings
+from .solver import Job
+from ..messages import serialize_plan
 from ...errors import (
-    brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError,
-    TimeLimitError)
+    brief, LateError, PlanningError, ScenarioError, TimeLimitError)
 from ...mission.scenario import Eavesdropper, Point, Scenario, Uav
 from ...optimize.incumbent import mute_nonpositive_slots
-from ...optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
 
-# s between a solve and the effect of its plan; at most half of the available time.
-_PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
-_RELEASE = 1.0  # s from a solve without a start_delay to point 0, where receivers move.
-_EFFECT_SLOTS = 1.5  # From the lead to the first point that can change, at most.
-_DELIVERY = 0.2  # s from the publication of a plan until the follower has it.
+DELIVERY_S = 0.2
+"""Time from the publication of a plan until the follower has it."""
+
+# Time between a solve and the effect of its plan; at most half of the available time.
+_RESERVE_S = 1.0
+_RELEASE_S = 1.0  # Time from a solve without a start_delay to point 0, where receivers move.
+_SHORTEST_SOLVE_S = 0.01
+
+Outgoing: TypeAlias = tuple[Plan, dict[str, bytes]]
+"""A plan and its serialized messages by topic."""
+
+
+@dataclass(eq=False)
+class Call:
+    """
+    A call of ~/plan, which is answered once.
+
+    It `waits` until a follower of a restored plan has been heard or discovery is over, is `solved`,
+    and is `answered`.
+    """
+
+    state: Literal['waits', 'solved', 'answered'] = 'waits'
+    answer: Future = field(default_factory=Future)
+
+    def reply(self, success: bool, text: str) -> None:
+        """Answer the call, unless it has been answered."""
+        if self.state != 'answered':
+            self.state = 'answered'
+            self.answer.set_result((success, text))
 
 
 @dataclass(frozen=True)
@@ -76,7 +98,7 @@ class StartTime:
         ahead = min(self.ahead if self.delay else math.inf, until)
         if math.isinf(ahead):
             return limit
-        left = ahead - min(_PLAN_RESERVE, ahead / 2)
+        left = ahead - min(_RESERVE_S, ahead / 2)
         return left if limit is None else min(limit, left)
 
     def explain(self, error: Exception, settings: PlannerSettings) -> Exception:
@@ -96,47 +118,84 @@ class StartTime:
 
     def check_in_time(self, now_ns: int) -> None:
         """Raise a LateError if a follower would get the plan after the time of its effect."""
-        if self.delay and now_ns + _DELIVERY * 1e9 > self.effect_ns:
+        if self.delay and now_ns + DELIVERY_S * 1e9 > self.effect_ns:
             raise LateError('the new plan came too late for the moment it was to take effect; a '
                             'longer start_delay gives it more time, and in flight a longer '
                             'replan_lead')
 
 
-class Request(NamedTuple):
+@dataclass(frozen=True)
+class Request:
     """
     A new mission, which is to be planned.
 
     :param start: the StartTime of its plan.
     :param clock: of its plan, for which its receivers are predicted.
     :param receivers: its Receivers.
+    :param settings: of the planner when the request came.
+    :param flight: the Flight that the mission continues, or None.
+    :param solved: the plan of a mission that is solved; only its receivers are predicted again.
     """
 
     scenario: Scenario
     start: StartTime
     clock: PlanClock
     receivers: Receivers
+    settings: PlannerSettings
+    flight: Flight | None
+    solved: Plan | None = None
+
+    def solve(self, job: Job, initial: Plan | None, until: float | None,
+              now_ns: Callable[[], int]) -> Outgoing:
+        """
+        Return the plan of the mission and its messages; called in the solver's thread.
+
+        :param initial: a Plan from which the solve begins, or None.
+        :param until: time of time.monotonic() at which the solve must end, or None.
+        :param now_ns: returns the time of the node's clock in ns.
+        """
+        plan = self.solved
+        if plan is None:
+            left = None if until is None else max(_SHORTEST_SOLVE_S, until - time.monotonic())
+            plan = job.solve(self.scenario, self.settings, left, initial, self.settings.deliver)
+        plan = self.date(plan, now_ns())
+        return plan, serialize_plan(plan, self.settings.frame_id)
+
+    def is_outlasted_by(self, plan: Plan) -> bool:
+        """Return True if the solve took longer than the receivers were predicted for."""
+        return not (plan.promise.slots or self.start.delay or self.solved)
+
+    def check_flight(self, flight: Flight | None, now: float) -> None:
+        """Raise a LateError unless the flight has continued at its rate since the request."""
+        check_continuation(self.flight, flight, now - self.start.asked_ns * 1e-9)
+
+    @property
+    def flight_text(self) -> str:
+        """Text that says which flight the plan continues; empty without one under way."""
+        flight = self.flight
+        return '' if flight is None or not flight.is_under_way else (
+            f'; it goes on from plan {flight.playback.plan.identity}, which is {flight.state}')
 
     def date(self, plan: Plan, now_ns: int) -> Plan:
         """Return its plan, solved now, with its start and with the receivers at that time."""
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
         if until is None or self.start.delay:
             return replace(plan, start_ns=start_ns, promised_until=until)
-        start_ns += round(_RELEASE * 1e9)
+        start_ns += round(_RELEASE_S * 1e9)
         later = start_ns * 1e-9 - self.clock.clock
         scenario = self.receivers.postpone(plan.scenario, later)
         powers, _ = mute_nonpositive_slots(scenario, plan.positions, plan.powers, plan.objective)
         return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
                        promised_until=until - later)
 
-    def predict_again(self, plan: Plan, settings: PlannerSettings, poses: PoseBook, now_ns: int
-                      ) -> tuple['Request', Plan]:
-        """Return this request and its plan with receivers that are predicted from now."""
-        clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE)
+    def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
+        """Return this request, solved, with receivers that are predicted from now."""
+        clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
-            settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
+            self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
         scenario = replace(plan.scenario, **receivers.fields)
-        return (self._replace(scenario=scenario, clock=clock, receivers=receivers),
-                replace(plan, scenario=scenario))
+        return replace(self, scenario=scenario, clock=clock, receivers=receivers,
+                       solved=replace(plan, scenario=scenario))
 
 
 def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
@@ -155,10 +214,11 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
             for index, (uav, state) in enumerate(
                 zip(settings.uavs.values(), states, strict=True))]
     clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
-        0.0 if start.delay else _RELEASE))
+        0.0 if start.delay else _RELEASE_S))
     end = settings.duration * (settings.slots + 1) / settings.slots
     receivers = predict_receivers(settings, poses, asked, clock, end)
-    return Request(_scenario(settings, uavs, receivers.fields), start, clock, receivers)
+    return Request(
+        _scenario(settings, uavs, receivers.fields), start, clock, receivers, settings, flight)
 
 
 def explain_infeasible(settings: PlannerSettings) -> str:
@@ -222,172 +282,3 @@ def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[P
             f'{uav.name}.max_speed is {uav.max_speed:g} m/s and {uav.name} flies at '
             f'{math.hypot(u, v):.1f} m/s; it can be lower when the flight has ended')
     return (x, y), (u, v)
-
-
-class Remainder(NamedTuple):
-    """
-    The remainder of a mission, which is to be planned again.
-
-    :param flight: of the plan, when it became due.
-    :param now: the time of the clock then, in s.
-    :param first: the first point of its path that may change.
-    :param updated: its scenario with the present receivers.
-    :param receivers: these, as predicted.
-    :param must_meet: raise an error if the UAVs cannot be met where they will be; otherwise the
-        new plan then begins on the plan in flight.
-    """
-
-    flight: Flight
-    now: float
-    first: int
-    states: Sequence[MeasuredState | None]
-    updated: Scenario
-    receivers: Receivers
-    must_meet: bool
-    tolerance: float
-    time_limit: float
-
-    @property
-    def plan(self) -> Plan:
-        """Plan in flight."""
-        return self.flight.playback.plan
-
-    @property
-    def clock(self) -> PlanClock:
-        """Clock of the plan, for which the receivers are predicted."""
-        return PlanClock(self.flight.time, self.now, self.flight.rate)
-
-    def date(self, plan: Plan) -> Plan:
-        """Return its plan with the promise of its receivers."""
-        until, clock = self.receivers.promised_until, self.clock
-        if until is None:
-            return plan
-        return replace(plan, promised_until=until, promise_speed=clock.rate,
-                       promise_delay=clock.to_clock(0.0) - plan.start_ns * 1e-9)
-
-    def find_rejoin(self) -> Rejoin:
-        """Return the beginning of the replan, or raise an InfeasibleMissionError."""
-        try:
-            return find_rejoin(
-                self.plan, self.first, self.states, self.tolerance, self.updated)
-        except InfeasibleMissionError:
-            if self.must_meet:
-                raise
-            return find_rejoin(self.plan, self.first, [None] * len(self.states), self.tolerance,
-                               self.updated)
-
-    def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
-        """Raise an error if its plan comes too late for the flight, or for another flight."""
-        if flight is None or flight.playback.plan is not self.plan:
-            raise SupersededError('replan: another plan came in between')
-        check_continuation(self.flight, flight, now - self.now)
-        if flight.time + _DELIVERY * flight.rate > rejoin.effect:
-            raise LateError('replan: the new plan came after the moment it was to take effect; '
-                            'a longer replan_lead gives it more time')
-
-
-class Replanning:
-    """When and why the remainder of the mission is planned again; times in s."""
-
-    def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
-        self._poses, self._tracking = poses, tracking
-        self._last_planned = -math.inf
-        self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
-        self._has_failed = False  # The last replan that was due, not only useful.
-        self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
-
-    def find_reason(self, last: Plan, settings: PlannerSettings, now: float) -> str:
-        """
-        Return the reason to plan the rest of the mission again, or an empty string.
-
-        It is 'period', 'promise' at its end, 'receivers' that have moved, 'deviation', or
-        'release' of a UAV that was to be met where its relay had stopped it.
-
-        :raises PlanningError: if the receivers cannot be predicted.
-        """
-        period, distance = settings.replan_period, settings.replan_distance
-        if not settings.has_replans:
-            return ''
-        flight = self._tracking.flight(now)
-        if flight is None or not flight.rate or not self._tracking.is_steady(now):
-            return ''
-        plan = flight.playback.plan
-        if plan.start_ns != last.start_ns:
-            return ''  # The last plan has not begun.
-        if self._first_point(flight, settings) >= plan.scenario.slots or (
-                self._poses.problems(settings, now, with_uavs=False)):
-            return ''  # The mission ends before; or poses are missing, which the status tells.
-        since = now - self._last_planned  # Negative after the clock has jumped back.
-        if period and not 0 <= since < period:
-            return 'period'
-        lead, is_recent = settings.replan_lead, 0 <= since < settings.replan_lead
-        # After a failure, and where receivers are predicted, the rest waits for the lead.
-        if not (is_recent and (self._has_failed or plan.scenario.has_tracks)):
-            if self._tracking.promise_ends(flight, (lead + _DELIVERY) * flight.rate
-                                           + _EFFECT_SLOTS * plan.scenario.slot_duration):
-                return 'promise'
-            if (distance or period) and has_moved(
-                    plan.scenario, self._update(flight, settings, now)[0],
-                    max(flight.time, self._counts_from), distance):
-                return 'receivers'
-        most = settings.replan_deviation
-        if not most or flight.state != 'flying':
-            return ''
-        stopped = self._find_stopped(settings)
-        if self._stopped - stopped:
-            return 'release'
-        # A UAV has the lead to come back, unless its relay has stopped it since.
-        if not (is_recent and self._stopped == stopped) and any(
-                distance > most and settings.uavs[name].use_pose for name, distance in
-                self._tracking.predict_distances(settings, now, lead).items()):
-            return 'deviation'
-        return ''
-
-    def begin(self, reason: str, settings: PlannerSettings, now: float) -> Remainder:
-        """
-        Begin a replan for a reason: note its time, and return the remainder of the mission.
-
-        :raises PlanningError: if the receivers cannot be predicted.
-        """
-        flight, lead = self._tracking.flight(now), settings.replan_lead
-        assert flight is not None
-        updated, receivers = self._update(flight, settings, now)
-        self._last_planned = now
-        self._stopped = self._find_stopped(settings)
-        return Remainder(
-            flight, now, self._first_point(flight, settings),
-            self._tracking.states(flight, settings, now), updated, receivers,
-            reason == 'deviation', settings.track_tolerance,
-            lead - min(_REPLAN_RESERVE, lead / 2))
-
-    def is_settled(self, settings: PlannerSettings, now: float) -> bool:
-        """Return True if all UAVs are on their plan, and the last replan was a lead ago."""
-        return not 0 <= now - self._last_planned < settings.replan_lead and all(
-            distance <= settings.track_tolerance
-            for distance in self._tracking.distances(settings, now).values())
-
-    def end(self, now: float, counts_from: float = -math.inf) -> None:
-        """Note a new plan, in which the present receivers count from a time of the plan on."""
-        self._last_planned, self._has_failed, self._counts_from = now, False, counts_from
-
-    def fail(self, remainder: Remainder) -> None:
-        """Note that the remainder was not planned again."""
-        self._has_failed = not remainder.must_meet
-
-    def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:
-        """Return the names of the UAVs with a pose to plan from that their relays stop."""
-        return self._tracking.find_stopped(
-            name for name, uav in settings.uavs.items() if uav.use_pose)
-
-    def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
-        """Return the first point of a flight that a replan of now may change."""
-        return find_first_point(flight.playback.plan.scenario,
-                                flight.time + settings.replan_lead * flight.rate)
-
-    def _update(self, flight: Flight, settings: PlannerSettings, now: float
-                ) -> tuple[Scenario, Receivers]:
-        """Return the scenario of a flight with the present receivers, and these."""
-        receivers = predict_receivers(
-            settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
-            flight.playback.duration)
-        return replace(flight.playback.plan.scenario, **receivers.fields), receivers

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -39,8 +39,9 @@ class State:
     is_replan: bool = False
     bound: Bound | None = None
     refusal: RequestOutcome | None = None
-    counts: dict[str, int] = field(
-        default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
+    plans: int = 0
+    replans: int = 0
+    refusals: int = 0
 
     @property
     def outcome(self) -> RequestOutcome:
@@ -56,13 +57,28 @@ class State:
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
                               self.prefix + plan_summary(plan, self.bound))
 
-    def keep(self, plan: Plan, count: str = '', prefix: str = '') -> None:
-        """Make a plan the last one and, if it is announced, increase a count."""
+    def keep_requested(self, plan: Plan, prefix: str = '') -> None:
+        """Make a plan by request the last one."""
+        self._keep(plan, is_replan=False)
+        self.plans += 1
+        self.prefix = prefix
+
+    def keep_restored(self, plan: Plan) -> None:
+        """Make the plan of the plan file the last one."""
+        self.keep_requested(plan, 'restored: ')
+
+    def keep_replan(self, plan: Plan) -> bool:
+        """Make a replan the last plan; return False if its flight is that of the last plan."""
+        is_new = self.plan is None or plan.identity != self.plan.identity
+        self._keep(plan, is_replan=True)
+        if is_new:
+            self.replans += 1
+            self.prefix = ''
+        return is_new
+
+    def _keep(self, plan: Plan, is_replan: bool) -> None:
         self.plan, self.bound, self.refusal = plan, plan.bound, None
-        self.is_replan = count != 'plans'
-        if count:
-            self.counts[count] += 1
-            self.prefix = prefix
+        self.is_replan = is_replan
 
     def forget_replan(self) -> None:
         """Forget the refusal of a replan that is due no more."""
@@ -77,7 +93,7 @@ class State:
             level, reason = DiagnosticStatus.ERROR, f'the {kind} failed: {describe_error(error)}'
         elif is_replan and isinstance(error, StoppedError):
             level = DiagnosticStatus.OK
-        self.counts['refusals'] += 1
+        self.refusals += 1
         self.refusal = RequestOutcome(
             level, getattr(error, 'code', PlanningError.code),
             reason + ('' if self.plan is None else '; the last plan stands'), is_replan)
@@ -165,7 +181,7 @@ def make_status(state: State, progress: Iteration | None, is_solving: bool,
     level, text = level_and_text(state.outcome, problems, progress)
     return PlannerStatus(
         level, text, 'solving' if is_solving else 'idle', OutcomeStatus(state.outcome.code),
-        **state.counts,
+        state.plans, state.replans, state.refusals,
         progress=ProgressStatus() if progress is None else ProgressStatus(
             progress.number, progress.step, progress.rate, progress.elapsed),
         plan=PlanStatus() if state.plan is None else plan_status(state.plan, state.bound, now))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 import math
 from typing import NamedTuple
 
@@ -38,6 +39,16 @@ class Limits:
     max_jump: float
     start_tolerance: float
     timeout: float
+
+
+class StreamState(Enum):
+    """The stream of setpoints that a guard follows."""
+
+    NONE = 'no setpoint has passed'
+    NEW = 'the frame has moved, so that the next setpoint must begin at the vehicle'
+    FOLLOWING = 'setpoints pass that continue each other'
+    HELD = 'no setpoint has passed for a moment, so that the last place is held'
+    ENDED = 'no setpoint has come for the timeout, so that the next one begins a stream'
 
 
 class Stream(NamedTuple):
@@ -88,6 +99,16 @@ class Guard:
         """Note why a setpoint was refused, by this guard or before it."""
         self._refusal = reason, now
 
+    def state(self, now: int, limits: Limits) -> StreamState:
+        """Return the state of the stream."""
+        if self._last is None:
+            return StreamState.NONE
+        if not _within(self._last_arrived, now, limits.timeout):
+            return StreamState.ENDED
+        if self._has_moved:
+            return StreamState.NEW
+        return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
+
     def stream(self, now: int, limits: Limits) -> Stream:
         """Return what becomes of the setpoints at present."""
         reason, refused = self._refusal
@@ -105,14 +126,16 @@ class Guard:
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
                               f'and setpoint_timeout is {limits.timeout:g} s')
-        last = self._last if _within(self._last_arrived, now, limits.timeout) else None
+        state = self.state(now, limits)
         self._last_arrived = now
         _check_motion(setpoint, limits)
-        problem = _explain_jump(last, setpoint, limits) if last is not None else ''
-        if limits.start_tolerance and (problem or last is None or self._has_moved):
+        is_first = state in (StreamState.NONE, StreamState.ENDED)
+        must_begin = is_first or state is StreamState.NEW
+        problem = '' if is_first else _explain_jump(self._last, setpoint, limits)
+        if limits.start_tolerance and (problem or must_begin):
             distant = self._explain_start(setpoint, now, limits)
             # At the vehicle, another stream may begin.
-            problem = distant and (distant if last is None or self._has_moved else problem)
+            problem = distant and (distant if must_begin else problem)
         if problem:
             raise OptionError(problem)
         self._last, self._last_passed, self._has_moved = setpoint, now, False
@@ -138,7 +161,7 @@ class Guard:
 
     def has_ended(self, now: int, limits: Limits) -> bool:
         """Forget a stream that has ended; return True if it has just ended."""
-        if self._last is None or _within(self._last_arrived, now, limits.timeout):
+        if self.state(now, limits) is not StreamState.ENDED:
             return False
         self.forget_stream()
         return True
@@ -165,8 +188,9 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
         raise OptionError(f'it has {acceleration:.3g} m/s^2, and {name} {most:.3g} m/s^2')
 
 
-def _explain_jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:
+def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits) -> str:
     """Return the reason why a setpoint does not continue the last one, or an empty string."""
+    assert last is not None
     step = (setpoint.time_ns - last.time_ns) * 1e-9
     if step < 0:
         return f'it is {-step:.3g} s older than the last one'

@@ -1,7 +1,7 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 import math
 import os
@@ -68,6 +68,25 @@ class ReplaySettings:
         return read_settings(cls, values, true_eavesdropper=tuple(place) or None)
 
 
+@dataclass
+class Release:
+    """
+    The release of a plan, at a time in ns.
+
+    It waits until no condition is `unmet`, and then flies.
+    """
+
+    time_ns: int
+    unmet: list[str] = field(default_factory=list)
+
+    def update(self, unmet: list[str]) -> str:
+        """Take the conditions now; return what it waits for if they are of another kind."""
+        before, self.unmet = self.unmet, unmet
+        # A condition is told without its distance.
+        kinds = [[condition.partition(',')[0] for condition in some] for some in (before, unmet)]
+        return f'waiting for {", ".join(unmet)}' if unmet and kinds[0] != kinds[1] else ''
+
+
 class Replay(Node):
     """Replays the plan of the topic, or a saved plan; see docs/replay.md."""
 
@@ -80,7 +99,7 @@ class Replay(Node):
             brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
         self._is_promised = True  # Whether the slot of the last setpoint is.
         self._closed, self._ticked = False, time.monotonic()
-        self._released_ns, self._unmet = 0, list[str]()  # What the first setpoint waits for.
+        self._release = Release(0)  # The last one.
         self._vehicles = Vehicles()
         self._ticked_ns = 0
         self._lost = set[str]()  # UAVs that are off their plan, so that no power is sent.
@@ -201,11 +220,12 @@ class Replay(Node):
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start([None if isinstance(place, str) else place for place in self._places(now)],
                      self._settings.start_tolerance)
-        self._released_ns = now
-        self._unmet = [] if player.streaming else self._unmet_conditions(now)
+        self._release = Release(now)
+        if not player.streaming:
+            self._release.unmet = self._unmet_conditions(now)
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
             player.flight.time <= player.playback.begin) else 0.0
-        follows = [f'waits for {condition}' for condition in self._unmet] + (
+        follows = [f'waits for {condition}' for condition in self._release.unmet] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
         if ahead < -PUNCTUAL and player.playback.plan.promised_until is not None:
             follows.append(f'playing {-ahead:.1f} s late, so the rates are no longer '
@@ -247,10 +267,11 @@ class Replay(Node):
         if not player.streaming:
             self._streamed = 0
             if player.playing:
-                self._update_unmet(self._unmet_conditions(now))
+                if waits := self._release.update(self._unmet_conditions(now)):
+                    self.get_logger().info(brief(waits))
         was_playing = player.playing
         moment = player.tick(now, self._settings.speed, self._eavesdropper,
-                             is_ready=not self._unmet, longest=longest,
+                             is_ready=not self._release.unmet, longest=longest,
                              is_silent=self._is_silent(now))
         self._ticked_ns = now
         if playback is not None:
@@ -293,21 +314,13 @@ class Replay(Node):
             [None if isinstance(place, str) else place for place in places],
             settings.start_tolerance, settings.speed)
         # Simulated UAVs may fly without a subscriber each, after a while.
-        if is_simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
+        if is_simulated and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
             return unmet
         return unmet + [f'a subscriber of the setpoints of {name}'
                         for name in self._uavs
                         if not any(self._outputs[topic].get_subscription_count() for topic in (
                             f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
                             f'{name}/odom') if topic in self._outputs)]
-
-    def _update_unmet(self, unmet: list[str]) -> None:
-        """Note the conditions, and log them if they are of another kind than before."""
-        def kinds(unmet: list[str]) -> list[str]:
-            return [condition.partition(',')[0] for condition in unmet]  # Without the distance.
-        if unmet and kinds(unmet) != kinds(self._unmet):
-            self.get_logger().info(brief(f'waiting for {", ".join(unmet)}'))
-        self._unmet = unmet
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         for topic, message in messages.setpoint_messages(

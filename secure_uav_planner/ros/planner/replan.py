@@ -1,0 +1,262 @@
+"""Replans: when and why the rest of the mission in flight is planned again, and from where."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+from .plan_tracking import check_continuation, PlanTracking
+from .poses import PoseBook
+from .receivers import has_moved, predict_receivers, Receivers
+from .request import DELIVERY_S
+from .settings import PlannerSettings
+from .solver import Job
+from ..messages import serialize_plan
+from ...errors import InfeasibleMissionError, LateError, SupersededError
+from ...mission.scenario import Scenario
+from ...optimize.rejoin import find_first_point, find_rejoin, Rejoin
+from ...plan.flight import Flight
+from ...plan.plan import Plan
+from ...plan.tracking import MeasuredState, PlanClock
+
+# Time between a solve and the effect of its plan; at most half of the available time.
+_RESERVE_S = 0.5
+_EFFECT_SLOTS = 1.5  # Number of slots from the lead to the first point that can change, at most.
+
+
+class Rule(NamedTuple):
+    """
+    A rule for replans.
+
+    :param reason: why the rest of the mission is planned again.
+    :param is_due: whether it is to be planned again now, for a Replanning, the flight, the
+        settings and the time in s.
+    :param must_meet: where the new plan begins if the UAVs cannot be met where they will be: True
+        for nowhere, which is an error, and False for the plan in flight.
+    """
+
+    reason: str
+    is_due: 'Callable[[Replanning, Flight, PlannerSettings, float], bool]'
+    must_meet: bool = False
+
+
+class Replanned(NamedTuple):
+    """
+    A remainder that is planned again.
+
+    :param begin: time of the plan in s from which its receivers are the present ones.
+    :param outgoing: its serialized messages by topic.
+    """
+
+    plan: Plan
+    rejoin: Rejoin
+    begin: float
+    outgoing: dict[str, bytes]
+
+
+class Remainder(NamedTuple):
+    """
+    The remainder of a mission, which is to be planned again.
+
+    :param rule: the Rule by which it is due.
+    :param flight: of the plan, when the replan became due.
+    :param now: the time of the clock then in s.
+    :param first: the first point of its path that may change.
+    :param updated: its scenario with the present receivers.
+    :param receivers: the present receivers, as predicted.
+    """
+
+    rule: Rule
+    flight: Flight
+    now: float
+    first: int
+    states: Sequence[MeasuredState | None]
+    updated: Scenario
+    receivers: Receivers
+    settings: PlannerSettings
+
+    @property
+    def plan(self) -> Plan:
+        """Plan in flight."""
+        return self.flight.playback.plan
+
+    @property
+    def clock(self) -> PlanClock:
+        """Clock of the plan, for which the receivers are predicted."""
+        return PlanClock(self.flight.time, self.now, self.flight.rate)
+
+    @property
+    def time_limit(self) -> float:
+        """Time limit of the solve in s."""
+        lead = self.settings.replan_lead
+        return lead - min(_RESERVE_S, lead / 2)
+
+    def solve(self, job: Job) -> Replanned:
+        """Return the remainder, planned again; called in the solver's thread."""
+        rejoin = self.find_rejoin()
+        plan = self.date(rejoin.splice(
+            job.solve(rejoin.scenario, self.settings, self.time_limit, rejoin.tail)))
+        begin = (rejoin.first + 1) * plan.scenario.slot_duration
+        return Replanned(
+            plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
+
+    def date(self, plan: Plan) -> Plan:
+        """Return its plan with the promise of its receivers."""
+        until, clock = self.receivers.promised_until, self.clock
+        if until is None:
+            return plan
+        return replace(plan, promised_until=until, promise_speed=clock.rate,
+                       promise_delay=clock.to_clock(0.0) - plan.start_ns * 1e-9)
+
+    def find_rejoin(self) -> Rejoin:
+        """Return the beginning of the replan, or raise an InfeasibleMissionError."""
+        try:
+            return find_rejoin(
+                self.plan, self.first, self.states, self.settings.track_tolerance, self.updated)
+        except InfeasibleMissionError:
+            if self.rule.must_meet:
+                raise
+            return find_rejoin(self.plan, self.first, [None] * len(self.states),
+                               self.settings.track_tolerance, self.updated)
+
+    def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
+        """Raise an error if its plan comes too late for the flight, or for another flight."""
+        if flight is None or flight.playback.plan is not self.plan:
+            raise SupersededError('replan: another plan came in between')
+        check_continuation(self.flight, flight, now - self.now)
+        if flight.time + DELIVERY_S * flight.rate > rejoin.effect:
+            raise LateError('replan: the new plan came after the moment it was to take effect; '
+                            'a longer replan_lead gives it more time')
+
+
+class Replanning:
+    """When and why the remainder of the mission is planned again; times in s."""
+
+    def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
+        self._poses, self._tracking = poses, tracking
+        self._last_planned = -math.inf
+        self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
+        self._has_failed = False  # The last replan that was due, not only useful.
+        self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
+
+    def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
+        """
+        Return the Rule by which the rest of the mission is to be planned again, or None.
+
+        :raises PlanningError: if the receivers cannot be predicted.
+        """
+        flight = self._tracking.flight(now)
+        if not settings.has_replans or flight is None or not flight.rate or (
+                not self._tracking.is_steady(now)):
+            return None
+        plan = flight.playback.plan
+        if plan.start_ns != last.start_ns:
+            return None  # The last plan has not begun.
+        if self._first_point(flight, settings) >= plan.scenario.slots or (
+                self._poses.problems(settings, now, with_uavs=False)):
+            return None  # The mission ends before; or poses are missing, which the status tells.
+        return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)
+
+    def is_period_over(self, _: Flight, settings: PlannerSettings, now: float) -> bool:
+        """Return True if the last plan is older than replan_period, or the clock jumped back."""
+        period = settings.replan_period
+        return period > 0 and not 0 <= now - self._last_planned < period
+
+    def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
+        """Return True if the promise ends before a replan of now can take effect."""
+        ahead = (settings.replan_lead + DELIVERY_S) * flight.rate + (
+            _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
+        return not self._must_wait(flight, settings, now) and (
+            self._tracking.promise_ends(flight, ahead))
+
+    def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
+        """Return True if a receiver is not where the plan expects it."""
+        distance = settings.replan_distance
+        return bool(distance or settings.replan_period) and (
+            not self._must_wait(flight, settings, now)) and has_moved(
+                flight.playback.plan.scenario, self._update(flight, settings, now)[0],
+                max(flight.time, self._counts_from), distance)
+
+    def is_uav_released(self, flight: Flight, settings: PlannerSettings, _: float) -> bool:
+        """Return True if a relay that stopped a UAV at the last replan stops it no more."""
+        return settings.replan_deviation > 0 and flight.state == 'flying' and bool(
+            self._stopped - self._find_stopped(settings))
+
+    def is_uav_off(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
+        """
+        Return True if a UAV is beyond replan_deviation, or will be if its relay stops it.
+
+        A UAV has the lead to come back, unless its relay has stopped it since the last replan.
+        """
+        most, lead = settings.replan_deviation, settings.replan_lead
+        if not most or flight.state != 'flying' or self._is_recent(settings, now) and (
+                self._stopped == self._find_stopped(settings)):
+            return False
+        return any(distance > most and settings.uavs[name].use_pose for name, distance in
+                   self._tracking.predict_distances(settings, now, lead).items())
+
+    def _is_recent(self, settings: PlannerSettings, now: float) -> bool:
+        """Return True if the last plan, or the last replan that failed, is less than a lead old."""
+        return 0 <= now - self._last_planned < settings.replan_lead
+
+    def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
+        """Return True within the lead after a failure, or where receivers are predicted."""
+        return self._is_recent(settings, now) and (
+            self._has_failed or flight.playback.plan.scenario.has_tracks)
+
+    def take_remainder(self, rule: Rule, settings: PlannerSettings, now: float) -> Remainder:
+        """
+        Return the remainder of the mission by a rule; its time counts for the rules.
+
+        :raises PlanningError: if the receivers cannot be predicted.
+        """
+        flight = self._tracking.flight(now)
+        assert flight is not None
+        updated, receivers = self._update(flight, settings, now)
+        self._last_planned = now
+        self._stopped = self._find_stopped(settings)
+        return Remainder(rule, flight, now, self._first_point(flight, settings),
+                         self._tracking.states(flight, settings, now), updated, receivers,
+                         settings)
+
+    def is_settled(self, settings: PlannerSettings, now: float) -> bool:
+        """Return True if all UAVs are on their plan, and the last replan was a lead ago."""
+        return not self._is_recent(settings, now) and all(
+            distance <= settings.track_tolerance
+            for distance in self._tracking.distances(settings, now).values())
+
+    def note_plan(self, now: float, counts_from: float = -math.inf) -> None:
+        """Note a new plan, in which the present receivers count from a time of the plan on."""
+        self._last_planned, self._has_failed, self._counts_from = now, False, counts_from
+
+    def note_failure(self, rule: Rule) -> None:
+        """Note that the remainder was not planned again by a rule."""
+        self._has_failed = not rule.must_meet
+
+    def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:
+        """Return the names of the UAVs with a pose to plan from that their relays stop."""
+        return self._tracking.find_stopped(
+            name for name, uav in settings.uavs.items() if uav.use_pose)
+
+    def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
+        """Return the first point of a flight that a replan of now may change."""
+        return find_first_point(flight.playback.plan.scenario,
+                                flight.time + settings.replan_lead * flight.rate)
+
+    def _update(self, flight: Flight, settings: PlannerSettings, now: float
+                ) -> tuple[Scenario, Receivers]:
+        """Return the scenario of a flight with the present receivers, and these."""
+        receivers = predict_receivers(
+            settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
+            flight.playback.duration)
+        return replace(flight.playback.plan.scenario, **receivers.fields), receivers
+
+
+RULES = (
+    Rule('period', Replanning.is_period_over),
+    Rule('promise', Replanning.is_promise_ending),
+    Rule('receivers', Replanning.have_receivers_moved),
+    Rule('release', Replanning.is_uav_released),
+    Rule('deviation', Replanning.is_uav_off, must_meet=True),
+)
+"""The rules for replans; the first that is due counts."""
