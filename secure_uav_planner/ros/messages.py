@@ -158,7 +158,7 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
         joint_names=[name], points=[_trajectory_point(*motion)]), frame_id, stamp)
 
 
-def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[float],
+def _trajectory_point(place: Vector, yaw: float, velocity: Sequence[float],
                       acceleration: Sequence[float], seconds: float = 0.0
                       ) -> MultiDOFJointTrajectoryPoint:
     """Return a trajectory point of one joint from its motion; see trajectory_setpoint."""
@@ -176,7 +176,7 @@ def _twist(vector: Sequence[float]) -> Twist:
     return twist
 
 
-def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[float],
+def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Vector,
              yaw: float, velocity: Sequence[float]) -> Odometry:
     """Return the Odometry of a UAV; it has the velocity (x, y) in m/s in its own frame."""
     message = Odometry(child_frame_id=child_frame_id)
@@ -363,7 +363,7 @@ def _airspace(scenario: Scenario) -> list[Marker]:
                   _label(300 + index, name, (*label_position(zone), top), NO_FLY_ZONE)]
         margins += _edges(
             offset_polygon(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
-    if scenario.geofence is not None:
+    if scenario.geofence is not None and scenario.boundaries.keep_in is not None:
         marks.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
                              points=_edges(scenario.geofence, 0.0, high)))
         margins += _edges(scenario.boundaries.keep_in, 0.0, high)

@@ -80,6 +80,7 @@ class Spec:
         kind = type(self.default)
         if kind is list:
             values = list(value)
+            assert self.length is not None
             if isinstance(value, (str, bytes)) or not (
                     self.length[0] <= len(values) <= self.length[1]):
                 raise ValueError
@@ -97,6 +98,7 @@ class Spec:
     def _convert_number(self, value: Any, kind: type) -> float:
         """Return a number within the limits as int or float, or raise a ValueError."""
         # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
+        assert self.limits is not None
         low, high = self.limits
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
                 low <= value <= high and value == kind(value)):
@@ -147,8 +149,9 @@ def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec
 
 def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
     """Return the Spec of a row of the table; the row's field gives missing default and limits."""
-    values = {key: tuple(value) if key in ('limits', 'length', 'choices') else value
-              for key, value in row.items() if key not in ('field', 'none')}
+    values: dict[str, Any] = {
+        key: tuple(value) if key in ('limits', 'length', 'choices') else value
+        for key, value in row.items() if key not in ('field', 'none')}
     if 'field' not in row:
         return Spec(**values)
     kind, _, name = row['field'].partition('.')

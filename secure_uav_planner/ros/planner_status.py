@@ -8,7 +8,7 @@ The key of a value in the message is the path of its field: `status.track.time` 
 from collections.abc import Iterator
 from dataclasses import dataclass, Field, field, fields, is_dataclass
 import math
-from typing import Any, get_args, get_origin, get_type_hints, TypeAlias
+from typing import Any, cast, get_args, get_origin, get_type_hints, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -200,7 +200,7 @@ def _list_values(group: Any, prefix: str) -> Iterator[tuple[str, object]]:
                 yield from (_list_values(item, f'{key}.{name}.') if is_dataclass(item)
                             else [(f'{key}.{name}', item)])
         elif is_dataclass(value):
-            if value != type(value)():
+            if value != cast(Any, type(value))():
                 yield from _list_values(value, f'{key}.')
         elif value is not None and (entry.metadata or prefix):
             form = entry.metadata.get('form')
@@ -211,10 +211,12 @@ def _read(kind: Any, node: _Node, key: str) -> Any:
     """Return the value of a kind in a node of the tree of a message."""
     if is_dataclass(kind):
         hints = get_type_hints(kind)
-        nodes = {entry.name: {None: node.get(None)} if _GROUP in entry.metadata
-                 else node.get(entry.name) for entry in fields(kind)}
-        return kind(**{name: _read(hints[name], value, f'{key}{name}.')
-                       for name, value in nodes.items() if value and value != {None: None}})
+        nodes: dict[str, Any] = {
+            entry.name: {None: node.get(None)} if _GROUP in entry.metadata
+            else node.get(entry.name) for entry in fields(kind)}
+        return cast(Any, kind)(**{
+            name: _read(hints[name], value, f'{key}{name}.')
+            for name, value in nodes.items() if value and value != {None: None}})
     if get_origin(kind) is dict:
         return {name: _read(get_args(kind)[1], value, f'{key}{name}.')
                 for name, value in node.items() if name}

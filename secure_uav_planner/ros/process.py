@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -22,12 +23,29 @@ _LONGEST_END = 5  # Time [s] after a signal to end in; DDS may wait for processe
 _AFTER_FAILURE = 0.01  # Pause [s] after a callback that failed.
 
 
-def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
+class WorkingNode(Node):
+    """A node whose work in other threads ends before it is destroyed."""
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.is_closed = False
+
+    def post(self, function: Callable[[], None]) -> None:
+        """Have a function run between callbacks; from any thread."""
+        if not self.is_closed and self.executor is not None:
+            self.executor.create_task(function)
+
+    def close(self) -> bool:
+        """Stop all work; return True if none is left."""
+        self.is_closed = True
+        return True
+
+
+def run_node(make_node: Callable[[], WorkingNode], args: list[str] | None = None) -> None:
     """
     Run a node until SIGINT or SIGTERM, then exit the process with status 0, or 1 after an error.
 
-    :param make_node: returns the node. Its method close() stops all work and returns True if none
-        is left. The text of a PlanningError is shown to the user.
+    :param make_node: returns the node. The text of a PlanningError is shown to the user.
     """
     stop = threading.Event()
     # rclpy's own signal handlers race with the executor's wait set; an event does not.
@@ -68,7 +86,7 @@ def _end_in_time(stop: threading.Event) -> None:
     os._exit(0)
 
 
-def spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
+def spin(node: WorkingNode, stop: threading.Event) -> tuple[bool, BaseException | None]:
     """
     Run the callbacks of a node until an event, then close the node.
 

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -217,5 +217,10 @@ def member_topics(name: str) -> tuple[str, str]:
 
 def timer_clock(node: Node) -> Clock:
     """Return a clock for setpoints: simulated time if that is set, otherwise a steady clock."""
+    return node.get_clock() if is_simulated(node) else Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def is_simulated(node: Node) -> bool:
+    """Return True if the clock of a node is simulated."""
     clock = node.get_clock()
-    return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)
+    return isinstance(clock, ROSClock) and clock.ros_time_is_active

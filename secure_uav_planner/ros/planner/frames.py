@@ -95,7 +95,7 @@ class Frames:
 
 def transform_message(message: Message, transform: Transform, frame_id: str) -> Message:
     """Return a pose after a transform: R p + t, with covariances R C R^T."""
-    turn = rotation(_vector(transform.rotation, 'xyzw'), 'the rotation of the transform')
+    turn = rotation(_vector(transform.rotation, 'xyzw').tolist(), 'the rotation of the transform')
     new = deepcopy(message)
     new.header.frame_id = frame_id
     pose = new.pose if isinstance(new, PoseStamped) else new.pose.pose
@@ -111,7 +111,7 @@ def transform_message(message: Message, transform: Transform, frame_id: str) -> 
                 _set(vector, turn.apply(_vector(vector)))
             new.twist.covariance = turn_covariance(new.twist.covariance, turn).ravel()
     with suppress(PoseError):  # An invalid orientation is refused where it is used.
-        facing = turn * rotation(_vector(pose.orientation, 'xyzw'))
+        facing = turn * rotation(_vector(pose.orientation, 'xyzw').tolist())
         _set(pose.orientation, facing.as_quat(), 'xyzw')
     return new
 

@@ -16,7 +16,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
@@ -31,7 +30,7 @@ from .status import (
     log_at, make_status, State, warn_of_namesakes, WarningLog)
 from .. import messages
 from ..parameters import PLANNER, PLANNER_MEMBERS
-from ..process import run_node
+from ..process import run_node, WorkingNode
 from ..references import LocalFrames
 from ..settings import Settings
 from ..topics import publishers, serve, subscribe, TOPICS
@@ -45,7 +44,7 @@ _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
 
 
-class Planner(Node):
+class Planner(WorkingNode):
     """Plans on request and, if enabled, again in flight; see docs/planner.md."""
 
     def __init__(self, **options: Any) -> None:
@@ -68,9 +67,8 @@ class Planner(Node):
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
-        self._solver = SolverThread(self._post, self._publish_status)
+        self._solver = SolverThread(self.post, self._publish_status)
         self._call = Call('answered')  # The last call of ~/plan.
-        self._closed = False
         self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
         self._replan_problem = ''
@@ -106,7 +104,7 @@ class Planner(Node):
 
     def close(self) -> bool:
         """Stop the solve under way; return True if its thread has ended."""
-        self._closed = True
+        super().close()
         if self._file_holder is not None:
             self._file_holder.close()
         self._call.reply(False, 'the planner is stopping')
@@ -119,11 +117,6 @@ class Planner(Node):
         return self._now_ns() * 1e-9
 
     # The state thread
-
-    def _post(self, function: Callable[[], None]) -> None:
-        """Have a function run in the state thread; from any thread."""
-        if not self._closed:
-            self.executor.create_task(function)
 
     def _on_pose(self, topic: str, message: Message) -> None:
         is_first = self._poses.get(topic) is None
@@ -236,10 +229,9 @@ class Planner(Node):
         return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
-        if not self._solver.is_solving:
-            return False, 'no solve is under way'
-        self._solver.job.stop.set()
-        return True, 'cancelling'
+        if self._solver.cancel():
+            return True, 'cancelling'
+        return False, 'no solve is under way'
 
     def _refuse(self, error: Exception, is_replan: bool = False) -> str:
         """Note, log and return the reason why there is no new plan."""
@@ -264,7 +256,7 @@ class Planner(Node):
             if flight is not None and flight.is_under_way:
                 self.get_logger().warning(problem)
                 self._publish_status()
-        if self._solver.is_solving or self._state.plan is None or self._closed:
+        if self._solver.is_solving or self._state.plan is None or self.is_closed:
             return
         try:
             rule = self._replanning.find_rule(self._state.plan, settings, now)
@@ -375,10 +367,8 @@ class Planner(Node):
 
     def _status_message(self) -> DiagnosticStatus:
         now, settings = self._now(), self._settings
-        is_solving = self._solver.is_solving
-        progress = self._solver.job.progress if is_solving else None
         problems, track = self._tracking.status(settings, now)
-        status = make_status(self._state, progress, is_solving, [
+        status = make_status(self._state, self._solver.progress, self._solver.is_solving, [
             *self._poses.problems(settings, now), *self._local_frames.problems, *problems,
             *filter(None, [self._replan_problem, warn_of_namesakes(self)])], now)
         return replace(

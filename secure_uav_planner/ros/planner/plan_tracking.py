@@ -90,7 +90,13 @@ class PlanTracking:
                 self._start_ns(last.identity) == self._start_ns(identity))
             self._reports = FollowerReports(
                 follower, identity, rate, last if is_same_flight else None)
-        self._reports.add(clock, plan)
+        self._followed.add(clock, plan)
+
+    @property
+    def _followed(self) -> FollowerReports:
+        """Reports on the plan in flight, of which there are some."""
+        assert self._reports is not None
+        return self._reports
 
     def _start_ns(self, identity: str) -> int | None:
         playback = self._plans.get(identity)
@@ -99,7 +105,7 @@ class PlanTracking:
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
         playback = self._plans.get(identity)
         return playback is not None and Flight(
-            playback, (plan_ns - playback.plan.start_ns) * 1e-9, 0.0).is_under_way
+            playback, (plan_ns - start_of(playback.plan)) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
         """Return the Flight at a time, or None before any report on a plan."""
@@ -112,7 +118,7 @@ class PlanTracking:
         is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
         return Flight(newest if is_adopted else reported,
-                      *reports.at(now_ns, reported.plan.start_ns), reports.is_current(now_ns))
+                      *reports.at(now_ns, start_of(reported.plan)), reports.is_current(now_ns))
 
     # The promise
 
@@ -122,8 +128,8 @@ class PlanTracking:
 
         :param times_ns: times of the clock and of the plan in a report; by default the last one.
         """
-        clock_ns, plan_ns = times_ns or (self._reports.last_ns, self._reports.plan_ns)
-        start_ns = flight.playback.plan.start_ns
+        clock_ns, plan_ns = times_ns or (self._followed.last_ns, self._followed.plan_ns)
+        start_ns = start_of(flight.playback.plan)
         return flight._replace(time=(plan_ns - start_ns) * 1e-9).lateness(clock_ns * 1e-9)
 
     def check_promise(self, now: float) -> Plan | None:
@@ -135,11 +141,11 @@ class PlanTracking:
         if plan.promised_until is None or abs(self._lateness(flight)) <= PUNCTUAL:
             return None
         time = flight.time
-        if self._reports.identity == plan.identity:
+        if self._followed.identity == plan.identity:
             # Its follower has ended the promise then.
-            left_ns = self._reports.find_departure(
+            left_ns = self._followed.find_departure(
                 lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
-            time = (left_ns - plan.start_ns) * 1e-9
+            time = (left_ns - start_of(plan)) * 1e-9
         ended = plan.end_promise(time)
         if ended is plan:
             return None
@@ -191,9 +197,10 @@ class PlanTracking:
 
     def check_known(self, now: float) -> None:
         """Raise a SupersededError while a follower flies a plan that this planner lacks."""
-        if self.unknown_plan(now) is not None and self._unknown.at(round(now * 1e9), 0)[1] > 0:
+        unknown = self._unknown
+        if unknown and self.unknown_plan(now) and unknown.at(round(now * 1e9), 0)[1] > 0:
             raise SupersededError(
-                f'a follower flies plan {self._unknown.identity}, which this planner does not '
+                f'a follower flies plan {unknown.identity}, which this planner does not '
                 'have; end that flight first, as by ~/pause and ~/reset of the replay')
 
     def until_superseded(self, flight: Flight | None, now: float) -> float:
@@ -206,7 +213,7 @@ class PlanTracking:
         if newest is None or flight is None or flight.state != 'flying' or (
                 newest.plan.start_ns == flight.playback.plan.start_ns):
             return math.inf
-        ahead = newest.plan.start_ns * 1e-9 + newest.begin - now
+        ahead = start_of(newest.plan) * 1e-9 + newest.begin - now
         if ahead < -ADOPTION_GRACE:
             return math.inf  # The follower has not adopted it.
         if ahead < _LEAST_AHEAD:
@@ -236,8 +243,8 @@ class PlanTracking:
         if flight is None:
             return MeasuredState(pose.time, pose.position, pose.velocity)
         pose_ns = round(pose.time * 1e9)
-        time, _ = self._reports.at(pose_ns, flight.playback.plan.start_ns)
-        if pose_ns < self._reports.first_ns and time > flight.playback.begin:
+        time, _ = self._followed.at(pose_ns, start_of(flight.playback.plan))
+        if pose_ns < self._followed.first_ns and time > flight.playback.begin:
             return None
         velocity = None
         if pose.velocity is not None and flight.rate:
@@ -283,13 +290,13 @@ class PlanTracking:
         """
         flight, distances = self.flight(now), self.distances(settings, now)
         for index, name in enumerate(settings.uavs):
-            if name in distances and self._is_stopped(name):
-                state, time = self._state(name, flight, settings, now), (
-                    flight.time + flight.rate * ahead)
+            state = self._state(name, flight, settings, now)
+            if flight is not None and state is not None and self._is_stopped(name):
+                time = flight.time + flight.rate * ahead
                 (place,), _ = predict_stop(
                     state, [time], flight.playback.plan.scenario.uavs[index].max_acceleration)
                 distances[name] = math.hypot(*deviation(
-                    flight.playback, index, MeasuredState(time, tuple(place.tolist()))))
+                    flight.playback, index, MeasuredState(time, (place[0], place[1]))))
         return distances
 
     def observe(self, settings: PlannerSettings, now: float) -> None:
@@ -318,7 +325,7 @@ class PlanTracking:
         silence = now - self._last_arrival[0]
         if flight.is_under_way and silence > SILENCE:
             problems.append(
-                f'the follower {quote(self._reports.follower)} is silent for {silence:.0f} s')
+                f'the follower {quote(self._followed.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
         problems += [
             f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond '
@@ -330,7 +337,7 @@ class PlanTracking:
             if flight.state != 'waiting' and distance > most]
         newest = next(reversed(self._plans.values()))
         rates = self._track.rates or (math.nan, math.nan)
-        late = now - newest.plan.start_ns * 1e-9 - newest.begin
+        late = now - start_of(newest.plan) * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
                             f'adopted it and flies {flight.playback.plan.identity}')
@@ -348,7 +355,7 @@ class PlanTracking:
         ignored, time = self._ignored or ('', -math.inf)
         if 0 <= now - time <= SILENCE:
             problems.append(
-                f'two followers report on plan_time: following {quote(self._reports.follower)}, '
+                f'two followers report on plan_time: following {quote(self._followed.follower)}, '
                 f'ignoring {quote(ignored)}; stop one')
         received, age = self._last_arrival
         if now - received <= SILENCE < abs(age):
@@ -357,6 +364,12 @@ class PlanTracking:
                 f'{"past" if age > 0 else "future"} and do not count: the clocks of the hosts '
                 'differ; synchronise them (NTP or PTP)')
         return problems
+
+
+def start_of(plan: Plan) -> int:
+    """Return the time of point 0 in ns of a plan of the planner, which has one."""
+    assert plan.start_ns is not None
+    return plan.start_ns
 
 
 def _promise_end(plan: Plan) -> float:

@@ -41,10 +41,11 @@ class Receivers(NamedTuple):
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
         later = move_receivers(scenario, scenario, seconds)
-        return replace(later, **{
+        members: dict[str, Any] = {
             kind: tuple(old if old.name in self.scheduled else new for old, new in zip(
                 getattr(scenario, kind), getattr(later, kind), strict=True))
-            for kind in ('ground_nodes', 'eavesdroppers')})
+            for kind in ('ground_nodes', 'eavesdroppers')}
+        return replace(later, **members)
 
 
 def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, clock: PlanClock,
@@ -114,7 +115,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     that of the position plus t times that of the velocity.
     """
     velocity, growth = (0.0, 0.0), 0.0
-    if pose.velocity_covariance is not None:
+    if pose.velocity is not None and pose.velocity_covariance is not None:
         velocity, growth = pose.velocity, error_radius(pose.velocity_covariance, confidence)
     if max_speed:
         speed = math.hypot(*velocity)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
-from .plan_tracking import check_continuation, PlanTracking
+from .plan_tracking import check_continuation, PlanTracking, start_of
 from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers
 from .request import DELIVERY_S
@@ -106,7 +106,7 @@ class Remainder(NamedTuple):
         if until is None:
             return plan
         return replace(plan, promised_until=until, promise_speed=clock.rate,
-                       promise_delay=clock.to_clock(0.0) - plan.start_ns * 1e-9)
+                       promise_delay=clock.to_clock(0.0) - start_of(plan) * 1e-9)
 
     def find_rejoin(self) -> Rejoin:
         """Return the beginning of the replan, or raise an InfeasibleMissionError."""

@@ -257,13 +257,16 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
     if state is not None and flight is None and not start.delay:
         return replace(uav, start=state.position)
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
-    if state is None or flight is not None and flight.is_under_way:
-        start_state = _planned_state(uav, index, flight, time)
+    position: Point
+    velocity: Point | None
+    if flight is not None and (state is None or flight.is_under_way):
+        position, velocity = _planned_state(uav, index, flight, time)
     else:
-        playback = None if flight is None else flight.playback
-        start_state = predict_state(
-            state, time, uav.max_acceleration, playback, index, settings.track_tolerance)
-    return start_from_state(uav, *start_state, settings.slot_duration)
+        assert state is not None
+        position, velocity = predict_state(
+            state, time, uav.max_acceleration, None if flight is None else flight.playback, index,
+            settings.track_tolerance)
+    return start_from_state(uav, position, velocity, settings.slot_duration)
 
 
 def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:

@@ -104,6 +104,18 @@ class SolverThread:
         """Whether a solve is under way."""
         return self.job is not None and self.job.is_solve
 
+    @property
+    def progress(self) -> Iteration | None:
+        """Last iteration of a solve under way."""
+        return None if self.job is None else self.job.progress
+
+    def cancel(self) -> bool:
+        """Cancel a solve under way, whose result is an error then; False if there is none."""
+        if self.job is None or not self.job.is_solve:
+            return False
+        self.job.stop.set()
+        return True
+
     def start(self, work: Work, then: Callable[[Result], None], cancelled: str = 'cancelled',
               is_solve: bool = True) -> None:
         """

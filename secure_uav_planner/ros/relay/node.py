@@ -10,7 +10,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -18,7 +17,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from .guard import Guard, Limits, Stream
 from ..messages import check_versions, diagnostic_status, fill_message, import_messages, read_setpoint
 from ..parameters import RELAY, RELAY_MEMBERS
-from ..process import run_node
+from ..process import run_node, WorkingNode
 from ..references import LocalFrames
 from ..relay_reports import RelayState, REPORT_PERIOD
 from ..settings import (
@@ -70,7 +69,7 @@ class RelaySettings:
             name: read_settings(RelayUavSettings, values, f'{name}.') for name in values['uavs']})
 
 
-class Relay(Node):
+class Relay(WorkingNode):
     """Passes on setpoints and odometry; see docs/relay.md."""
 
     def __init__(self, **options: Any) -> None:
@@ -126,10 +125,6 @@ class Relay(Node):
     @property
     def _settings(self) -> RelaySettings:
         return self._declared.current
-
-    def close(self) -> bool:
-        """Return True: no thread is left running."""
-        return True
 
     @property
     def _now(self) -> int:

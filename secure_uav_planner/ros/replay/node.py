@@ -1,6 +1,6 @@
 """The replay node: it plays plans by their time, as setpoints that never jump."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 import math
@@ -13,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from .plan_reader import PlanReader
@@ -21,11 +20,12 @@ from .vehicles import Vehicles
 from .. import messages
 from ..parameters import REPLAY
 from ..planner.status import WarningLog
-from ..process import run_node
+from ..process import run_node, WorkingNode
 from ..settings import read_settings, Settings
-from ..topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
+from ..topics import is_simulated, publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ...errors import brief, OptionError, ParameterError, quote
 from ...mission.scenario import Point
+from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.playback import Moment
 from ...plan.player import Player, Point3
@@ -87,7 +87,7 @@ class Release:
         return f'waiting for {", ".join(unmet)}' if unmet and kinds[0] != kinds[1] else ''
 
 
-class Replay(Node):
+class Replay(WorkingNode):
     """Replays the plan of the topic, or a saved plan; see docs/replay.md."""
 
     def __init__(self, **options: Any) -> None:
@@ -98,7 +98,7 @@ class Replay(Node):
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
         self._is_promised = True  # Whether the slot of the last setpoint is.
-        self._closed, self._ticked = False, time.monotonic()
+        self._ticked = time.monotonic()
         self._release = Release(0)  # The last one.
         self._vehicles = Vehicles()
         self._ticked_ns = 0
@@ -111,7 +111,7 @@ class Replay(Node):
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Why there is no plan.
-        self._reader = PlanReader(self._post, self._take, self._refuse)
+        self._reader = PlanReader(self.post, self._take, self._refuse)
         self._stops = 0  # Calls of ~/pause and ~/reset.
         self._make_interface()
         if plan is not None:
@@ -147,16 +147,11 @@ class Replay(Node):
 
     def close(self) -> bool:
         """Stop reading; return True, since no thread is left running."""
-        self._closed = True
+        super().close()
         self._reader.close()
         return True
 
     # Plans
-
-    def _post(self, function: Callable[[], None]) -> None:
-        """Have a function run between callbacks; from any thread."""
-        if not self._closed:
-            self.executor.create_task(function)
 
     def _take(self, plan: Plan, frame_id: str) -> None:
         """Use the plan of the topic."""
@@ -196,12 +191,18 @@ class Replay(Node):
             autostarts = self._settings.autostart and (
                 before is None or before.plan.start_ns != plan.start_ns)
             is_late = not self._settings.plan_file and (
-                self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
+                self.get_clock().now().nanoseconds - (plan.start_ns or 0) > _LATE * 1e9)
             if autostarts and not is_late:
                 self._start()
             elif autostarts:
                 self.get_logger().warning(f'plan {plan.identity} is not started: its time has '
                                           'passed; ~/start plays it')
+
+    @property
+    def _flight(self) -> Flight:
+        """Flight of the player, once there is a plan."""
+        assert self._player.flight is not None
+        return self._player.flight
 
     @property
     def _eavesdropper(self) -> Point | None:
@@ -223,14 +224,15 @@ class Replay(Node):
         self._release = Release(now)
         if not player.streaming:
             self._release.unmet = self._unmet_conditions(now)
-        ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
-            player.flight.time <= player.playback.begin) else 0.0
+        flight, plan = self._flight, self._flight.playback.plan
+        ahead = ((flight.playback.begin_ns or 0) - now) * 1e-9 if (
+            flight.time <= flight.playback.begin) else 0.0
         follows = [f'waits for {condition}' for condition in self._release.unmet] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
-        if ahead < -PUNCTUAL and player.playback.plan.promised_until is not None:
+        if ahead < -PUNCTUAL and plan.promised_until is not None:
             follows.append(f'playing {-ahead:.1f} s late, so the rates are no longer '
                            'guaranteed; call ~/plan')
-        return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
+        return f'plan {plan.identity}: {"; ".join(follows) or "playing"}'
 
     async def _on_start(self) -> tuple[bool, str]:
         stops = self._stops
@@ -260,10 +262,10 @@ class Replay(Node):
     def _on_tick(self) -> None:
         before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
         # Upper bound on the elapsed time in s, from the monotonic clock.
-        longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
+        longest = (_LONGEST_SIMULATED_TICK if is_simulated(self)
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
-        player, playback = self._player, self._player.playback
+        player, has_plan = self._player, self._player.flight is not None
         if not player.streaming:
             self._streamed = 0
             if player.playing:
@@ -274,9 +276,9 @@ class Replay(Node):
                              is_ready=not self._release.unmet, longest=longest,
                              is_silent=self._is_silent(now))
         self._ticked_ns = now
-        if playback is not None:
+        if has_plan:
             self._outputs['plan_time'].publish(messages.plan_time(
-                player.playback.plan, player.flight.time, clock.to_msg(), self._follower))
+                self._flight.playback.plan, self._flight.time, clock.to_msg(), self._follower))
         if moment is not None:
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
@@ -291,9 +293,9 @@ class Replay(Node):
         for problem in self._vehicles.relays.find_newly_lost():
             if player.streaming:
                 self.get_logger().warning(problem)
-        if player.streaming and player.flight.is_under_way:
+        if player.streaming and self._flight.is_under_way:
             lost = self._vehicles.find_lost(
-                player.flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,
+                self._flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,
                 now_ns)
         if {*lost} != self._lost:
             self.get_logger().warning(f'no power is sent: {"; ".join(lost.values())}' if lost else
@@ -324,18 +326,18 @@ class Replay(Node):
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         for topic, message in messages.setpoint_messages(
-                self._player.playback.plan.scenario, moment, self._frame_id, stamp):
+                self._flight.playback.plan.scenario, moment, self._frame_id, stamp):
             if topic in self._outputs:  # Without odometry where vehicles publish it.
                 self._outputs[topic].publish(message)
         if self._eavesdropper is not None:
-            flight = self._player.flight
+            flight = self._flight
             self._outputs['~/secrecy_rate'].publish(Float64(
                 data=flight.playback.secrecy_rate(flight.time, self._eavesdropper)
                 if moment.powers.any() else 0.0))
 
     def _tell_promise(self) -> None:
         """Log when the flight comes into a slot that is not promised, and out of such slots."""
-        flight = self._player.flight
+        flight = self._flight
         slot, identity = (flight.playback.find_unpromised_slot(flight.time),
                           flight.playback.plan.identity)
         if slot and self._is_promised:
@@ -351,7 +353,7 @@ class Replay(Node):
         what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
         detail = (' to the ground, whatever leaked (true_eavesdropper is not set)'
                   if self._eavesdropper is None else
-                  f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
+                  f', {delivered / self._flight.playback.duration:.4f} bit/s/Hz on average')
         self.get_logger().info(
             f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest jump between '
             f'consecutive setpoints {jump:.3f} m')
