@@ -11,6 +11,7 @@ from dataclasses import replace
 import pathlib
 import sys
 
+from examples.isolation import isolated
 import numpy as np
 from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve
 from secure_uav_planner.bound import explain_refusal, upper_bound
@@ -19,7 +20,7 @@ from secure_uav_planner.mission import Objective
 from secure_uav_planner.output.page import save_page
 from secure_uav_planner.output.picture import save_picture
 from secure_uav_planner.output.tables import rate_table
-from secure_uav_planner.ros.client import isolated, node_process, SecurePlanner
+from secure_uav_planner.ros.client import node_process, SecurePlanner
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.recording import record
 

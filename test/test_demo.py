@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import city
+from examples.isolation import free_domain, isolated
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.client import free_domain, isolated
 
 pytestmark = pytest.mark.slow
 

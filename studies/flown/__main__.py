@@ -8,11 +8,11 @@ import argparse
 from pathlib import Path
 import sys
 
+from examples.isolation import isolated
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.optimize import solve
 from secure_uav_planner.plan.plan import Plan
-from secure_uav_planner.ros.client import isolated
 
 from .flight import fly_event, fly_plan
 from .flight_picture import save_flight

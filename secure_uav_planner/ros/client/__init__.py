@@ -2,11 +2,10 @@
 A client of the planner and the replay, for programs that plan and fly from Python.
 
 It uses their topics and services like any other program. `node_process` starts a node as a process
-of its own, and `isolated` keeps them from other ROS programs.
+of its own.
 """
 
 from .client import ClientError, make_clients, SecurePlanner
-from .local import free_domain, isolated, node_process
+from .local import node_process
 
-__all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients',
-           'node_process', 'SecurePlanner')
+__all__ = ('ClientError', 'make_clients', 'node_process', 'SecurePlanner')

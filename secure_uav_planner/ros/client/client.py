@@ -2,7 +2,7 @@
 A client of the planner and the replay, for programs that plan and fly from Python.
 
 It uses their topics and services like any other program. `node_process` starts a node as a process
-of its own, and `isolated` keeps them from other ROS programs.
+of its own.
 """
 
 from collections import deque
