@@ -236,7 +236,7 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     settings = settings_with(pose_timeout=0.0)
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
         flight = tracking.flight(now)
-        assert (flight.time, flight.rate, flight.is_reported) == (22.0, 0.0, False)
+        assert (flight.time, flight.time_scale, flight.is_reported) == (22.0, 0.0, False)
         assert tracking.distances(settings, now)['uav1'] < 1e-3
 
 
@@ -284,7 +284,7 @@ def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_t
                 flight, 1010.1)) == pytest.approx(left)
     # One that its follower has not adopted is not waited for, nor one of a flight that is held.
     assert tracking.until_superseded(flight, 1014.1) == math.inf
-    assert tracking.until_superseded(flight._replace(rate=0.0), 1010.1) == math.inf
+    assert tracking.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
 
 
 def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():

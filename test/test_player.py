@@ -87,13 +87,13 @@ def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
     bench = start_flight(plan, 30.0)
     assert bench.player.pause()
     held = bench.run(15.0)
-    assert not held.velocities.any() and bench.player.flight.rate == 0.0
+    assert not held.velocities.any() and bench.player.flight.time_scale == 0.0
     # The powers of the plan are for receivers at its time, which has passed.
     assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
     assert not bench.player.pause()
     bench.player.start()
     bench.run(10.0)
-    assert bench.player.flight.rate == 1.0 and 14.99 < bench.lag < 25.0
+    assert bench.player.flight.time_scale == 1.0 and 14.99 < bench.lag < 25.0
 
 
 @pytest.mark.parametrize('slots', [200, 20000])
@@ -203,9 +203,10 @@ def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
 def plan_continuation(bench, plan, ahead):
     """Return a plan that continues the setpoints some seconds ahead."""
     player, slot = bench.player, plan.scenario.slot_duration
-    moment = player.playback.at(player.flight.time + player.flight.rate * ahead)
+    moment = player.playback.at(player.flight.time + player.flight.time_scale * ahead)
     uavs = tuple(
-        start_from_state(uav, tuple(at.tolist()), tuple((velocity * player.flight.rate).tolist()),
+        start_from_state(uav, tuple(at.tolist()),
+                         tuple((velocity * player.flight.time_scale).tolist()),
                          slot)
         for uav, at, velocity in zip(
             plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
@@ -345,7 +346,7 @@ class AnyOrder(RuleBasedStateMachine):
                         uav.max_acceleration * scale**2 * self.since + 2e-3)
         # A lower playback speed is reached by and by.
         flight = self.player.flight
-        rate = flight.rate
+        rate = flight.time_scale
         assert rate <= max(self.speed, self.rate) + 1e-9
         # They are on the curve, and a UAV that is held is silent.
         planned = flight.playback.at(flight.time)
@@ -372,7 +373,8 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(speed=st.sampled_from([0.5, 1.0, 1.0, 1.0, 3.0]))
     def play_at(self, speed):
         flight = self.player.flight
-        self.fastest = max(speed, getattr(self, 'fastest', 1.0), flight.rate if flight else 0.0)
+        self.fastest = max(speed, getattr(self, 'fastest', 1.0),
+                           flight.time_scale if flight else 0.0)
         self.speed = speed
 
     @rule()

@@ -28,7 +28,7 @@ def plan():
 @pytest.fixture(scope='module')
 def file(plan, tmp_path_factory):
     path = tmp_path_factory.mktemp('recording') / 'plan.mcap'
-    record(plan, path, frame_id='earth', rate=2.0)
+    record(plan, path, frame_id='earth', frequency=2.0)
     return path
 
 
@@ -81,7 +81,7 @@ def test_every_receiver_has_a_topic_of_its_name_and_moves_and_markers_show_its_w
     moving, = scenario.eavesdroppers
     record(fly_hover_fly(replace(scenario, eavesdroppers=(
         replace(moving, name='car'), Eavesdropper((0.0, 150.0), 10.0, 'mallory')))),
-        tmp_path / 'plan.mcap', rate=1.0)
+        tmp_path / 'plan.mcap', frequency=1.0)
     topics = messages(tmp_path / 'plan.mcap')
     assert {topic for topic in topics if re.fullmatch('/[^/]+/pose', topic)} == {
         '/ground_node/pose', '/car/pose', '/mallory/pose'}
@@ -94,7 +94,7 @@ def test_every_receiver_has_a_topic_of_its_name_and_moves_and_markers_show_its_w
 
 def test_zones_fence_and_distances_are_recorded(tmp_path):
     path = tmp_path / 'city.mcap'
-    record(city.plan_by_hand(Scenario.load(city.FILE)), path, rate=0.1)
+    record(city.plan_by_hand(Scenario.load(city.FILE)), path, frequency=0.1)
     topics = messages(path)
     names = [marker.ns for marker in topics['/planner/markers'][-1][2].markers]
     assert names.count('no_fly_zone') == 3 and names.count('geofence') == 1
@@ -128,8 +128,8 @@ def test_the_plan_and_its_replay_to_the_goal_can_be_read_back_with_its_rate(read
 
 
 def test_a_wrong_rate_is_refused_and_leaves_no_file(plan, tmp_path):
-    with pytest.raises(ValueError, match='rate is 0'):
-        record(plan, tmp_path / 'plan.mcap', rate=0)
+    with pytest.raises(ValueError, match='frequency is 0'):
+        record(plan, tmp_path / 'plan.mcap', frequency=0)
     assert list(tmp_path.iterdir()) == []
 
 

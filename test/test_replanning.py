@@ -189,7 +189,7 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
         bench.check(clock, **settings)
     assert not bench.published and not bench.refused
     flight = bench.tracking.flight(START + 59.75)
-    assert (flight.time, flight.rate, flight.state) == (pytest.approx(30.0), 0.0, 'held')
+    assert (flight.time, flight.time_scale, flight.state) == (pytest.approx(30.0), 0.0, 'held')
     assert bench.tracking.distances(SETTINGS, START + 59.75)['uav1'] < 1e-6
 
 

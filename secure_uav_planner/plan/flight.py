@@ -22,13 +22,13 @@ class Flight(NamedTuple):
     The flight of a plan.
 
     :ivar time: present time of the plan [s], from point 0.
-    :ivar rate: playback speed; 1 is real time, 0 is a hold.
+    :ivar time_scale: playback speed; 1 is real time, 0 is a hold.
     :ivar is_reported: whether the follower reports now. While it is silent, `time` stands still.
     """
 
     playback: Playback
     time: float
-    rate: float
+    time_scale: float
     is_reported: bool = True
 
     @property
@@ -38,7 +38,7 @@ class Flight(NamedTuple):
             return 'ended'
         if self.time <= self.playback.begin + _ROUNDING:
             return 'waiting'
-        return 'flying' if self.rate > 0 else 'held'
+        return 'flying' if self.time_scale > 0 else 'held'
 
     @property
     def is_under_way(self) -> bool:
@@ -64,25 +64,25 @@ class Flight(NamedTuple):
     @property
     def moment(self) -> Moment:
         """
-        Setpoints now: the plan's velocities times `rate`, its accelerations times `rate`^2.
+        Setpoints now: the plan's velocities times time_scale, its accelerations times its square.
 
         A held flight sends no power, because the plan's powers are chosen for receivers that
         move on.
         """
         moment = self.playback.at(self.time)
-        return replace(moment, velocities=moment.velocities * self.rate,
-                       accelerations=moment.accelerations * self.rate**2,
-                       powers=moment.powers if self.rate else np.zeros_like(moment.powers))
+        return replace(moment, velocities=moment.velocities * self.time_scale,
+                       accelerations=moment.accelerations * self.time_scale**2,
+                       powers=moment.powers if self.time_scale else np.zeros_like(moment.powers))
 
 
-class RateLimit:
+class TimeScaleLimit:
     """Limits the playback speed so that no UAV exceeds its acceleration."""
 
     def __init__(self, playback: Playback) -> None:
         self.playback = playback
         self._limits = playback.plan.scenario.max_accelerations
         self._fastest = 0.0  # Playback speed at which the braking curve below begins.
-        self._braking_times, self._braking_rates = np.empty(0), np.empty(0)
+        self._braking_times, self._braking_scales = np.empty(0), np.empty(0)
 
     def approach(self, target: float, flight: Flight, velocities: Array, elapsed: float) -> float:
         """
@@ -96,21 +96,21 @@ class RateLimit:
         :param velocities: velocities of the last setpoint, (U, 2) in m/s.
         :param elapsed: time since the last setpoint [s].
         """
-        time, rate = flight.time, flight.rate
+        time, scale = flight.time, flight.time_scale
         if not self.playback.plan.scenario.limits_acceleration:
             return target
-        target = self._brake_in_time(target, max(target, rate), time + rate * elapsed)
-        most_change = self._limits * max(1.0, target, rate)**2 * elapsed * (1 + 1e-9) + 1e-9
+        target = self._brake_in_time(target, max(target, scale), time + scale * elapsed)
+        most_change = self._limits * max(1.0, target, scale)**2 * elapsed * (1 + 1e-9) + 1e-9
 
-        def is_allowed(rate: float) -> bool:
-            new = self.playback.at(time + rate * elapsed).velocities * rate
+        def is_allowed(scale: float) -> bool:
+            new = self.playback.at(time + scale * elapsed).velocities * scale
             change = np.linalg.norm(new - velocities, axis=-1)
             return bool((change <= most_change).all())
 
         if is_allowed(target):
             return target
         # An unchanged playback speed keeps the limits, since the plan keeps them.
-        allowed, rejected = rate, target
+        allowed, rejected = scale, target
         for _ in range(20):
             middle = (allowed + rejected) / 2
             allowed, rejected = (
@@ -121,11 +121,11 @@ class RateLimit:
         """Return a target playback speed, lowered so that the flight can stop at its end."""
         if self._fastest < fastest:
             self._fastest = fastest
-            self._braking_times, self._braking_rates = self._integrate_braking(fastest)
+            self._braking_times, self._braking_scales = self._integrate_braking(fastest)
         if not len(self._braking_times):
             return target
         return min(target, float(np.interp(
-            time, self._braking_times, self._braking_rates, left=target)))
+            time, self._braking_times, self._braking_scales, left=target)))
 
     def _integrate_braking(self, fastest: float) -> tuple[Array, Array]:
         """

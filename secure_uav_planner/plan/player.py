@@ -2,8 +2,8 @@
 Setpoints of plans in real time, without jumps; each plan begins at its own start time.
 
 A flight is waiting at its start, flying, held on the way, or ended. The time of the plan advances
-at a playback speed, called `rate`: 1 is real time, 0 is a hold. `start`, `pause` and a new speed
-change the rate no faster than the acceleration limits of all UAVs allow. The UAVs stay on the
+at a playback speed, `time_scale`: 1 is real time, 0 is a hold. `start`, `pause` and a new speed
+change it no faster than the acceleration limits of all UAVs allow. The UAVs stay on the
 same curve, so that all clearances of the plan hold. A new plan replaces one whose setpoints are
 not sent. While setpoints are sent, the new plan is spliced in at its start time and supersedes
 the old one. A new plan is refused, with the reason, if its setpoints would jump.
@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .flight import Flight, RateLimit, VELOCITY_JUMP
+from .flight import Flight, TimeScaleLimit, VELOCITY_JUMP
 from .plan import Plan
 from .playback import Moment, Playback
 from .tracking import PUNCTUAL
@@ -33,11 +33,11 @@ POSITION_JUMP = 0.01
 _END_TOLERANCE = 1e-3  # Time [s] before the end of a plan from which its flight has ended.
 
 
-def _make_flight(playback: Playback, time: float, rate: float) -> Flight:
-    """Return a flight at a time [s], clipped to begin and end; at the end its rate is 0."""
+def _make_flight(playback: Playback, time: float, scale: float) -> Flight:
+    """Return a flight at a time [s], clipped to begin and end; at the end its time_scale is 0."""
     if time > playback.duration - _END_TOLERANCE:
         return Flight(playback, playback.duration, 0.0)
-    return Flight(playback, max(time, playback.begin), rate)
+    return Flight(playback, max(time, playback.begin), scale)
 
 
 class Player:
@@ -58,7 +58,7 @@ class Player:
                  mutes_unpromised: bool = False) -> None:
         self._mutes_unpromised = mutes_unpromised
         self.flight: Flight | None = None
-        self._limit: RateLimit | None = None  # Limits the playback speed of `flight`.
+        self._limit: TimeScaleLimit | None = None  # Limits the playback speed of `flight`.
         self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
         self._last: Moment | None = None  # The last setpoints.
         self._silence: float | None = 0.0  # Time [s] without a stream; None while streaming.
@@ -113,10 +113,10 @@ class Player:
         if flight is None or not self.streaming:
             self._adopt(Flight(new, new.begin, 0.0))
         elif is_revision:
-            self._revise(_make_flight(new, flight.time, flight.rate))
+            self._revise(_make_flight(new, flight.time, flight.time_scale))
         else:
             ahead = ((new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
-            self._pending = new, flight.time + flight.rate * max(0.0, ahead)
+            self._pending = new, flight.time + flight.time_scale * max(0.0, ahead)
             self._splice(0.0, f'it came {-ahead:.2f} s too late: ' if ahead < 0 else '')
         return not self._refusal
 
@@ -144,7 +144,7 @@ class Player:
 
     def _adopt(self, flight: Flight) -> None:
         """Replace the flight, and count its delivery and its jumps from zero."""
-        self.flight, self._limit, self._pending = flight, RateLimit(flight.playback), None
+        self.flight, self._limit, self._pending = flight, TimeScaleLimit(flight.playback), None
         self._elsewhere = None
         self.delivered = self.largest_jump = 0.0
 
@@ -154,7 +154,7 @@ class Player:
         if jump:
             self.refuse(f'it comes too late for the flight that it changes: {jump}')
         else:
-            self.flight, self._limit = revised, RateLimit(revised.playback)
+            self.flight, self._limit = revised, TimeScaleLimit(revised.playback)
 
     def _splice(self, elapsed: float, lateness: str = '') -> bool:
         """
@@ -164,13 +164,13 @@ class Player:
         """
         if self._pending is None or self.flight is None:
             return False
-        (new, splice_time), rate = self._pending, self.flight.rate
-        since = self.flight.time + rate * elapsed - splice_time
+        (new, splice_time), scale = self._pending, self.flight.time_scale
+        since = self.flight.time + scale * elapsed - splice_time
         if since < 0.0 and not self.ended:
             return False
         self._pending = None
-        flight = _make_flight(new, new.begin + since if rate else new.begin, rate)
-        jump = self._explain_jump(flight, elapsed if rate else 0.0)
+        flight = _make_flight(new, new.begin + since if scale else new.begin, scale)
+        jump = self._explain_jump(flight, elapsed if scale else 0.0)
         if jump:
             self.playing = self.playing and not self.ended
             if self.ended:
@@ -188,7 +188,7 @@ class Player:
         if last is None or current is None:
             return ''
         moment, altitudes = new.moment, current.playback.plan.scenario.altitudes
-        scale = max(1.0, current.rate)
+        scale = max(1.0, current.time_scale)
         for index, uav in enumerate(new.playback.plan.scenario.uavs):
             distance = math.dist((*moment.positions[index], uav.altitude),
                                  (*last.positions[index], altitudes[index]))
@@ -310,7 +310,7 @@ class Player:
             self._silence = self._last = None
         before, last = self.flight, self._last
         assert before is not None
-        advance = before.rate * elapsed
+        advance = before.time_scale * elapsed
         if not self._splice(elapsed):
             self.flight = self._advance(now_ns, elapsed, speed if self.playing else 0.0)
             advance = self.flight.time - before.time
@@ -320,8 +320,8 @@ class Player:
         moment = self._last = self.flight.moment
         if last is not None:
             scenario = self.flight.playback.plan.scenario
-            if self.flight.rate != before.rate and scenario.limits_acceleration:
-                # A change of the rate accelerates UAVs beyond the plan's own acceleration.
+            if self.flight.time_scale != before.time_scale and scenario.limits_acceleration:
+                # A change of the time_scale accelerates UAVs beyond the plan's own acceleration.
                 moment.accelerations[:] = (moment.velocities - last.velocities) / elapsed
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
             self.largest_jump = max(
@@ -329,18 +329,18 @@ class Player:
         return replace(moment, powers=np.zeros_like(moment.powers)) if is_silent else moment
 
     def _advance(self, now_ns: int, elapsed: float, target: float) -> Flight:
-        """Return the flight `elapsed` s later, at the allowed rate nearest to a target."""
+        """Return the flight `elapsed` s later, at the allowed time_scale nearest to a target."""
         flight, last = self.flight, self._last
         assert flight is not None and self._limit is not None
         due = flight.playback.begin_ns
-        if flight.state == 'waiting' and not flight.rate and due is not None:
+        if flight.state == 'waiting' and not flight.time_scale and due is not None:
             # A plan does not begin before its start time.
             elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
         if elapsed == 0.0 or flight.state == 'ended':
             return flight
-        rate = target if last is None else self._limit.approach(
+        scale = target if last is None else self._limit.approach(
             target, flight, last.velocities, elapsed)
-        return _make_flight(flight.playback, flight.time + rate * elapsed, rate)
+        return _make_flight(flight.playback, flight.time + scale * elapsed, scale)
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:

@@ -1,7 +1,8 @@
 """The slots of a plan whose rates are promised, and the mean rates of these slots."""
 
+from dataclasses import dataclass
 import math
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,22 @@ def rate_text(rate: float, digits: int = 4) -> str:
     return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
 
 
-class Promise(NamedTuple):
+class _PromisedRate:
+    """The property of a Promise that is the least mean over weight of rates of its slots."""
+
+    def __init__(self, shares: str) -> None:
+        self._shares = shares  # Name of the rates of a plan, (G, N).
+
+    def __get__(self, promise: 'Promise', _: object = None) -> float:
+        if not promise.slots:
+            return math.nan
+        rates: Array = getattr(promise.plan, self._shares)
+        return find_least_rate(
+            promise.plan.scenario, rates[:, promise.mask].mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
     """
     The slots of a plan whose rates are promised.
 
@@ -56,25 +72,17 @@ class Promise(NamedTuple):
         """Whether a slot is not promised."""
         return not self.mask.all()
 
-    @property
-    def guaranteed_rate(self) -> float:
-        """Mean guaranteed rate of the promised slots in bit/s/Hz; NaN without any."""
-        return self._mean(self.plan.guaranteed_shares)
+    guaranteed_rate = _PromisedRate('guaranteed_shares')
+    """Mean guaranteed rate of the promised slots in bit/s/Hz; NaN without any."""
 
-    @property
-    def worst_case_rate(self) -> float:
-        """Mean worst-case rate of the promised slots in bit/s/Hz; NaN without any."""
-        return self._mean(self.plan.worst_case_shares)
+    worst_case_rate = _PromisedRate('worst_case_shares')
+    """Mean worst-case rate of the promised slots in bit/s/Hz; NaN without any."""
 
-    @property
-    def rate(self) -> float:
-        """Mean rate of the objective in the promised slots in bit/s/Hz; NaN without any."""
-        return self._mean(self.plan.node_shares)
+    rate = _PromisedRate('node_shares')
+    """Mean rate of the objective in the promised slots in bit/s/Hz; NaN without any."""
 
-    @property
-    def curve_rate(self) -> float:
-        """Mean guaranteed rate along the curve in the promised slots; NaN without any."""
-        return self._mean(self.plan.curve_shares)
+    curve_rate = _PromisedRate('curve_shares')
+    """Mean guaranteed rate along the curve in the promised slots; NaN without any."""
 
     @property
     def node_rates(self) -> Array:
@@ -103,9 +111,3 @@ class Promise(NamedTuple):
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (
             '' if self.mask[-1] or until is None else
             f', until {until:.1f} s as far as receivers are predicted')
-
-    def _mean(self, rates: Array) -> float:
-        """Return the least mean of rates (G, N) over weight; NaN if no slot is promised."""
-        if not self.slots:
-            return math.nan
-        return find_least_rate(self.plan.scenario, rates[:, self.mask].mean(axis=1))

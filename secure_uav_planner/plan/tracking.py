@@ -47,14 +47,14 @@ class FollowerReports:
     """
     The reports of one follower about one plan: the plan's time at times of the clock.
 
-    :param rate: playback speed that is assumed until the second report.
+    :param time_scale: playback speed that is assumed until the second report.
     :param earlier: reports of the follower about an earlier plan of the same flight, which has
         the same time and so continues here.
     """
 
-    def __init__(self, follower: str, identity: str, rate: float,
+    def __init__(self, follower: str, identity: str, time_scale: float,
                  earlier: 'FollowerReports | None' = None) -> None:
-        self.follower, self.identity, self._first_rate = follower, identity, rate
+        self.follower, self.identity, self._first_scale = follower, identity, time_scale
         self._pairs: deque[tuple[int, int]] = deque(  # Times of the clock and the plan [ns].
             earlier._pairs if earlier else ())
         self._begin_ns: int | None = None  # Time of the first report about this plan.
@@ -72,7 +72,7 @@ class FollowerReports:
             self._pairs.popleft()
 
     @property
-    def has_rate(self) -> bool:
+    def has_time_scale(self) -> bool:
         """Whether there are at least two reports, so that a playback speed is known."""
         return len(self._pairs) > 1
 
@@ -117,13 +117,13 @@ class FollowerReports:
         still speeds up.
         """
         since, plan = self._since_last() * 1e-9
-        rates = np.diff(plan) / np.diff(since)
-        if len(rates) == 0 or rates[-1] == 0:
+        scales = np.diff(plan) / np.diff(since)
+        if len(scales) == 0 or scales[-1] == 0:
             return True
         # Medians, because a busy machine stamps single reports late.
-        halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
+        halves = [scales[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
                   for begin in (-1.0, -0.5)]
-        if (rates[since[:-1] >= -1.0] == 0).any():
+        if (scales[since[:-1] >= -1.0] == 0).any():
             return False
         if not all(map(len, halves)):
             return True
@@ -142,14 +142,14 @@ class FollowerReports:
         Before the first report, the plan's time is the first reported one. After SILENCE without
         a report, it stands still and the playback speed is 0.
         """
-        (last, plan), rate = self._pairs[-1], self._first_rate
-        if self.has_rate:
+        (last, plan), scale = self._pairs[-1], self._first_scale
+        if self.has_time_scale:
             before = self._pairs[-2]
-            rate = max(0.0, (plan - before[1]) / (last - before[0]))
+            scale = max(0.0, (plan - before[1]) / (last - before[0]))
         since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
         if since <= 0:
-            return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, rate
-        return time + rate * min(since, SILENCE), rate if self.is_current(clock_ns) else 0.0
+            return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, scale
+        return time + scale * min(since, SILENCE), scale if self.is_current(clock_ns) else 0.0
 
 
 class PlanClock(NamedTuple):
@@ -157,15 +157,15 @@ class PlanClock(NamedTuple):
 
     time: float
     clock: float
-    rate: float = 1.0
+    time_scale: float = 1.0
 
     def to_plan(self, clock: float) -> float:
         """Return the time of the plan [s] at a time of the clock [s]."""
-        return self.time + self.rate * (clock - self.clock)
+        return self.time + self.time_scale * (clock - self.clock)
 
     def to_clock(self, time: float) -> float:
-        """Return the time of the clock [s] at a time of the plan [s]; `rate` must not be 0."""
-        return self.clock + (time - self.time) / self.rate
+        """Return the time of the clock [s] at a time of the plan [s]; time_scale is not 0."""
+        return self.clock + (time - self.time) / self.time_scale
 
 
 class MeasuredState(NamedTuple):
@@ -352,14 +352,15 @@ class AchievedRates:
         self._flown = 0.0  # Time [s] that has been flown within slots.
         self._sums = np.zeros(3)  # Measured time [s], achieved and planned information [bit/Hz].
 
-    def add(self, playback: Playback, time: float, positions: Array, rate: float = 1.0) -> None:
+    def add(self, playback: Playback, time: float, positions: Array, time_scale: float = 1.0
+            ) -> None:
         """
         Add measured positions (U, 2) in m, at a time [s] from point 0 of a plan.
 
         A plan with another start begins a new flight. The time since the last call is left out of
-        the means if it exceeds 2 s, or `rate` times 2 s for a faster playback.
+        the means if it exceeds 2 s, or `time_scale` times 2 s for a faster playback.
 
-        :param rate: playback speed.
+        :param time_scale: playback speed.
         :raises OptionError: for positions of another shape.
         """
         scenario, start_ns = playback.plan.scenario, playback.plan.start_ns
@@ -371,7 +372,7 @@ class AchievedRates:
         last, self._last = self._last, time
         inside = scenario.slot_duration * np.array([1, scenario.slots + 1])
         self._flown = max(0.0, min(time, inside[1]) - inside[0])
-        if not 0 < time - last <= LONGEST_GAP * max(1.0, rate):
+        if not 0 < time - last <= LONGEST_GAP * max(1.0, time_scale):
             return
         elapsed = min(time, inside[1]) - max(last, inside[0])
         if elapsed <= 0:

@@ -36,24 +36,24 @@ _QOS = """- history: keep_last
 """
 
 
-def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0
-           ) -> None:
+def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
+           frequency: float = 5.0) -> None:
     """
     Write the messages of the planner and the replay node for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
-    :param rate: the rate of setpoints in Hz of the plan's time.
-    :raises OptionError: for a rate that is not positive.
+    :param frequency: of the setpoints in Hz of the plan's time.
+    :raises OptionError: for a frequency that is not positive.
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
-    if not rate > 0:
-        raise OptionError(f'rate is {quote(rate)}; it must be above 0 Hz')
+    if not frequency > 0:
+        raise OptionError(f'frequency is {quote(frequency)}; it must be above 0 Hz')
     start_ns = plan.start_ns or 0
     plan = replace(plan, start_ns=start_ns)
     with atomic_file(path, binary=True) as file:
         bag = _Bag(file, start_ns)
         _record_plan(bag, plan, frame_id)
-        _record_replay(bag, plan, frame_id, rate)
+        _record_replay(bag, plan, frame_id, frequency)
         bag.finish()
 
 
@@ -81,11 +81,11 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
             'planner: plan'), latched=True)
 
 
-def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:
+def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
     """Write the setpoints, and the rate where the eavesdropper is at its worst in every slot."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
-    times = np.arange(0.0, playback.duration, 1.0 / rate)
+    times = np.arange(0.0, playback.duration, 1.0 / frequency)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
         for topic, message in messages.setpoint_messages(scenario, moment, frame_id, stamp):

@@ -154,7 +154,7 @@ class Planner(WorkingNode):
     def _plan_if_discovered(self) -> None:
         """Start the solve of a call that waits, unless a follower may still be discovered."""
         if self._call.state == 'waits' and (
-                self._tracking.has_rate or time.monotonic() >= self._discovery_deadline):
+                self._tracking.has_time_scale or time.monotonic() >= self._discovery_deadline):
             self._call.state = 'solved'
             self._plan()
 
@@ -176,8 +176,8 @@ class Planner(WorkingNode):
             self._call.reply(False, self._refuse(error))
             return
         self._log_notes(request.receivers.notes)
-        self._solve(request, last if last and is_similar(request.scenario, last.scenario) else None,
-                    None if limit is None else began + limit)
+        initial = last if last and is_similar(request.scenario, last.scenario) else None
+        self._solve(request, initial, None if limit is None else began + limit)
 
     def _solve(self, request: Request, initial: Plan | None = None, until: float | None = None
                ) -> None:

@@ -85,16 +85,16 @@ class PlanTracking:
             return
         if last is None or (last.follower, last.identity) != (follower, identity):
             # A follower that passes from one plan to the next does not stop.
-            rate = 0.0 if last is None else last.at(clock, 0)[1]
+            scale = 0.0 if last is None else last.at(clock, 0)[1]
             is_same_flight = last is not None and last.follower == follower and (
                 self._start_ns(last.identity) == self._start_ns(identity))
             self._reports = FollowerReports(
-                follower, identity, rate, last if is_same_flight else None)
+                follower, identity, scale, last if is_same_flight else None)
         self._followed.add(clock, plan)
 
     @property
     def _followed(self) -> FollowerReports:
-        """Reports on the plan in flight, of which there are some."""
+        """Return the reports on the plan in flight, of which there are some."""
         assert self._reports is not None
         return self._reports
 
@@ -185,9 +185,9 @@ class PlanTracking:
                             'ask again when it is flown at a constant rate, or is paused')
 
     @property
-    def has_rate(self) -> bool:
-        """Whether two reports of a follower tell at which rate it flies a plan of this planner."""
-        return self._reports is not None and self._reports.has_rate
+    def has_time_scale(self) -> bool:
+        """Whether two reports of a follower tell how fast it flies a plan of this planner."""
+        return self._reports is not None and self._reports.has_time_scale
 
     def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan in flight that is not of this planner, or None."""
@@ -247,9 +247,9 @@ class PlanTracking:
         if pose_ns < self._followed.first_ns and time > flight.playback.begin:
             return None
         velocity = None
-        if pose.velocity is not None and flight.rate:
+        if pose.velocity is not None and flight.time_scale:
             u, v = pose.velocity
-            velocity = (u / flight.rate, v / flight.rate)
+            velocity = (u / flight.time_scale, v / flight.time_scale)
         return MeasuredState(time, pose.position, velocity)
 
     def _is_held(self, name: str, index: int, flight: Flight) -> bool:
@@ -292,7 +292,7 @@ class PlanTracking:
         for index, name in enumerate(settings.uavs):
             state = self._state(name, flight, settings, now)
             if flight is not None and state is not None and self._is_stopped(name):
-                time = flight.time + flight.rate * ahead
+                time = flight.time + flight.time_scale * ahead
                 (place,), _ = predict_stop(
                     state, [time], flight.playback.plan.scenario.uavs[index].max_acceleration)
                 distances[name] = math.hypot(*deviation(
@@ -310,7 +310,7 @@ class PlanTracking:
         if flight is None or len(offsets) < len(settings.uavs):
             return
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        self._track.add(flight.playback, flight.time, positions, flight.rate)
+        self._track.add(flight.playback, flight.time, positions, flight.time_scale)
 
     def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
         """Return the problems of the flight in words, and what the status says of it."""
@@ -380,7 +380,7 @@ def _promise_end(plan: Plan) -> float:
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """
-    Check that a flight has continued at its rate for some s since a plan was asked for.
+    Check that a flight has continued at its time_scale for some s since a plan was asked for.
 
     :raises LateError: if it was paused, released or replaced since.
     """
@@ -390,6 +390,6 @@ def check_continuation(before: Flight | None, now: Flight | None, elapsed: float
         raise LateError(f'plan {now.playback.plan.identity} took effect while the new plan was '
                         'made; ask again')
     if now is None or (
-            abs(now.time - before.time - before.rate * elapsed) > _SAME_TIME):
+            abs(now.time - before.time - before.time_scale * elapsed) > _SAME_TIME):
         raise LateError('the flight was paused, or went on otherwise, while the plan was made; '
                         'ask again')

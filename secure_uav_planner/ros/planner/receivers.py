@@ -54,7 +54,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     Predict the receivers until a horizon, but not beyond the flight.
 
     :param now: time of the clock in s.
-    :param clock: of the plan, whose rate is not 0.
+    :param clock: of the plan, whose time_scale is not 0.
     :param end: of the flight, in s from point 0.
     :raises ScenarioError: for a track whose values are out of range.
     """

@@ -83,7 +83,7 @@ class Remainder(NamedTuple):
     @property
     def clock(self) -> PlanClock:
         """Clock of the plan, for which the receivers are predicted."""
-        return PlanClock(self.flight.time, self.now, self.flight.rate)
+        return PlanClock(self.flight.time, self.now, self.flight.time_scale)
 
     @property
     def time_limit(self) -> float:
@@ -105,7 +105,7 @@ class Remainder(NamedTuple):
         until, clock = self.receivers.promised_until, self.clock
         if until is None:
             return plan
-        return replace(plan, promised_until=until, promise_speed=clock.rate,
+        return replace(plan, promised_until=until, promise_speed=clock.time_scale,
                        promise_delay=clock.to_clock(0.0) - start_of(plan) * 1e-9)
 
     def find_rejoin(self) -> Rejoin:
@@ -124,7 +124,7 @@ class Remainder(NamedTuple):
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: another plan came in between')
         check_continuation(self.flight, flight, now - self.now)
-        if flight.time + DELIVERY_S * flight.rate > rejoin.effect:
+        if flight.time + DELIVERY_S * flight.time_scale > rejoin.effect:
             raise LateError('replan: the new plan came after the moment it was to take effect; '
                             'a longer replan_lead gives it more time')
 
@@ -146,7 +146,7 @@ class Replanning:
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
-        if not settings.has_replans or flight is None or not flight.rate or (
+        if not settings.has_replans or flight is None or not flight.time_scale or (
                 not self._tracking.is_steady(now)):
             return None
         plan = flight.playback.plan
@@ -164,7 +164,7 @@ class Replanning:
 
     def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """Return True if the promise ends before a replan of now can take effect."""
-        ahead = (settings.replan_lead + DELIVERY_S) * flight.rate + (
+        ahead = (settings.replan_lead + DELIVERY_S) * flight.time_scale + (
             _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
         return not self._must_wait(flight, settings, now) and (
             self._tracking.promise_ends(flight, ahead))
@@ -196,7 +196,7 @@ class Replanning:
                    self._tracking.predict_distances(settings, now, lead).items())
 
     def _is_recent(self, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the last plan, or the last replan that failed, is less than a lead old."""
+        """Return True if the last plan or the last failure is less than a lead old."""
         return 0 <= now - self._last_planned < settings.replan_lead
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
@@ -241,13 +241,13 @@ class Replanning:
     def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
         """Return the first point of a flight that a replan of now may change."""
         return find_first_point(flight.playback.plan.scenario,
-                                flight.time + settings.replan_lead * flight.rate)
+                                flight.time + settings.replan_lead * flight.time_scale)
 
     def _update(self, flight: Flight, settings: PlannerSettings, now: float
                 ) -> tuple[Scenario, Receivers]:
         """Return the scenario of a flight with the present receivers, and these."""
         receivers = predict_receivers(
-            settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
+            settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),
             flight.playback.duration)
         return replace(flight.playback.plan.scenario, **receivers.fields), receivers
 

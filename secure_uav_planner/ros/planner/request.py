@@ -1,4 +1,4 @@
-"""A request for a new mission: from its call to its answer, from parameters and poses to a plan."""
+"""A request for a new mission: its call and answer, its parameters and poses, and its plan."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,8 +39,8 @@ class Call:
     """
     A call of ~/plan, which is answered once.
 
-    It `waits` until a follower of a restored plan has been heard or discovery is over, is `solved`,
-    and is `answered`.
+    It `waits` until a follower of a restored plan is heard or discovery is over, is then `solved`,
+    and is `answered` at the end.
     """
 
     state: Literal['waits', 'solved', 'answered'] = 'waits'
@@ -166,7 +166,7 @@ class Request:
         return not (plan.promise.slots or self.start.delay or self.solved)
 
     def check_flight(self, flight: Flight | None, now: float) -> None:
-        """Raise a LateError unless the flight has continued at its rate since the request."""
+        """Raise a LateError unless the flight has continued steadily since the request."""
         check_continuation(self.flight, flight, now - self.start.asked_ns * 1e-9)
 
     @property
@@ -256,7 +256,8 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
         return uav
     if state is not None and flight is None and not start.delay:
         return replace(uav, start=state.position)
-    time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
+    time = (start.effect_ns * 1e-9 if flight is None else
+            flight.time + flight.time_scale * start.ahead)
     position: Point
     velocity: Point | None
     if flight is not None and (state is None or flight.is_under_way):
@@ -278,7 +279,7 @@ def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[P
             f'{flown.altitude:g} m; it can change when the flight has ended')
     moment = flight.playback.at(time)
     (x, y), (u, v) = moment.positions[index].tolist(), moment.velocities[index].tolist()
-    if flight.rate == 0.0:
+    if flight.time_scale == 0.0:
         u = v = 0.0
     if uav.max_acceleration is not None and math.hypot(u, v) > uav.max_speed * (1 + 1e-6):
         raise ScenarioError(

@@ -33,7 +33,8 @@ from ...plan.tracking import PUNCTUAL
 
 _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s
-_TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
+# Least frequency of plan_time [Hz]; after 1 s without, a follower counts as silent.
+_TIME_FREQUENCY = 5.0
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
 _SILENCE = 5.0  # s without a plan, after which paths of another planner are looked for.
@@ -136,9 +137,10 @@ class Replay(WorkingNode):
         # A start may wait for a plan that is being read; setpoints are sent meanwhile.
         serve(self, {'~/start': self._on_start}, ReentrantCallbackGroup())
         serve(self, {'~/pause': self._on_pause, '~/reset': self._on_reset}, self._group)
-        rate = self._settings.rate
-        self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
-        self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
+        frequency = self._settings.rate
+        # Number of ticks for each setpoint.
+        self._streamed, self._ticks_each = 0, math.ceil(_TIME_FREQUENCY / frequency)
+        self.create_timer(1.0 / (frequency * self._ticks_each), self._on_tick,
                           callback_group=self._group, clock=timer_clock(self))
 
     @property

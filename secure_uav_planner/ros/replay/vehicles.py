@@ -75,7 +75,7 @@ class Vehicles:
         received, message = self._odometry[name]
         if name not in self._distances or self._distances[name][0] is not message:
             stamp, point = nanoseconds(message.header.stamp), message.pose.pose.position
-            time = flight.time + flight.rate * ((stamp or received) - flight_ns) * 1e-9
+            time = flight.time + flight.time_scale * ((stamp or received) - flight_ns) * 1e-9
             x, y = flight.playback.at(time).positions[index].tolist()
             self._distances[name] = message, math.hypot(point.x - x, point.y - y)
         return self._distances[name][1]
