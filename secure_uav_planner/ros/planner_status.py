@@ -41,7 +41,7 @@ class OutcomeStatus:
 
 @dataclass(frozen=True)
 class ProgressStatus:
-    """The last iteration of a solve under way."""
+    """The last iteration of the present solve."""
 
     iteration: int = _value('during a solve: its last iteration', 0)
     step: str = _value('during a solve: kind of the last iteration', '')

@@ -25,7 +25,7 @@ from ..mission.validation import make_unique
 from ..optimize.methods import check_objective
 
 Kind = TypeVar('Kind')
-"""The settings of a node, or of a member of it."""
+"""The settings of a node, or of a member of the node."""
 
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
@@ -53,7 +53,7 @@ class Settings(Generic[Kind]):
                  ) -> None:
         self._specs: dict[str, Spec] = {}
         self._make = make
-        self._values: dict[str, Any] = {'tracks': {}}  # By receiver, of the mission file.
+        self._values: dict[str, Any] = {'tracks': {}}  # Tracks of the mission file by receiver.
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
@@ -113,7 +113,7 @@ def _overrides(node: Node) -> dict[str, Parameter]:
 
 def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **made: Any
                   ) -> Kind:
-    """Return settings whose fields are parameters of the same names, but for those `made`."""
+    """Return settings with `made` fields; each other field is the parameter of the same name."""
     return kind(**made, **{
         entry.name: tuple(value) if isinstance(value, list) else value
         for entry in fields(kind) if entry.name not in made  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ class Planner(WorkingNode):
             self, lambda: self._settings, {name: name for name in self._uavs},
             lambda *_: self._publish_status())
         self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
-        self._refusals = WarningLog(self.get_logger())  # Of poses.
+        self._refusals = WarningLog(self.get_logger())  # Logs why poses are refused.
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
@@ -103,7 +103,7 @@ class Planner(WorkingNode):
         return self._declared.current
 
     def close(self) -> bool:
-        """Stop the solve under way; return True if its thread has ended."""
+        """Stop the present solve; return True if its thread has ended."""
         super().close()
         if self._file_holder is not None:
             self._file_holder.close()
@@ -291,7 +291,7 @@ class Planner(WorkingNode):
             self._replanning.note_failure(remainder.rule)
             self._refuse(error, is_replan=True)
             return
-        # Also where the flight is the same: its receivers may have moved.
+        # A replan of the same flight is published as well, for receivers that have moved.
         is_new = self._state.keep_replan(plan)
         self._publish_plan(plan, outgoing, begin)
         self._save(plan)

@@ -36,7 +36,7 @@ class PlanTracking:
     """
     Tracks the flight of the last plans by the reports of its follower.
 
-    Of several followers the first one under way counts, until it ends or is silent. `now` is the
+    The follower that flies first is followed until its flight ends or it is silent. `now` is the
     node's time in s.
 
     :ivar relays: what becomes of the setpoints of each UAV, where a relay reports it.
@@ -94,7 +94,7 @@ class PlanTracking:
 
     @property
     def _followed(self) -> FollowerReports:
-        """Return the reports on the plan in flight, of which there are some."""
+        """Return the reports on the plan in flight, once a follower has reported."""
         assert self._reports is not None
         return self._reports
 
@@ -114,7 +114,7 @@ class PlanTracking:
             return None
         reported = self._plans[reports.identity]
         newest = next(reversed(self._plans.values()))
-        # A new plan of the same flight is flown at the same time, as soon as it is adopted.
+        # A follower flies a new plan of the same flight from its adoption on.
         is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
         return Flight(newest if is_adopted else reported,
@@ -235,7 +235,7 @@ class PlanTracking:
         """
         Return the last usable state of a UAV in the time of a flight; without one, of the clock.
 
-        A pose from before the first report of a flight under way gives no state.
+        A pose from before the first report of a flight that has begun gives no state.
         """
         pose = self._poses.usable_pose(name, settings, now)
         if pose is None:
@@ -313,7 +313,7 @@ class PlanTracking:
         self._track.add(flight.playback, flight.time, positions, flight.time_scale)
 
     def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
-        """Return the problems of the flight in words, and what the status says of it."""
+        """Return the problems of the flight in words, and the flight as the status shows it."""
         flight, most = self.flight(now), settings.track_tolerance
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [

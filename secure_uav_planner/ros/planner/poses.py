@@ -71,7 +71,7 @@ class KnownPose:
 
 @dataclass
 class _Disc:
-    """The disc of the first pose of an eavesdropper that counts as standing."""
+    """The disc of the first pose of an eavesdropper without a velocity and a max_speed."""
 
     position: Point
     radius: float  # m
@@ -159,7 +159,7 @@ class PoseBook:
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
-        """Return advice, once, about an eavesdropper that counts as standing and moves."""
+        """Return advice, once, about an eavesdropper that is planned as standing and moves."""
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
         if (name not in settings.eavesdroppers or topic != pose_topic
@@ -222,7 +222,7 @@ class PoseBook:
         return problems
 
     def _reasons(self, name: str, settings: PlannerSettings, now: float) -> list[PoseError]:
-        """Return the problems of a member's topics with messages, or else of that of its pose."""
+        """Return the problems of a member's topics with messages, or of its pose topic."""
         topics = member_topics(name)
         heard = [topic for topic in topics if topic in self._poses or topic in self._refusals]
         problems = (self.problem(topic, settings, now) for topic in heard or topics[1:])
@@ -297,8 +297,8 @@ def error_radius(covariance: Array, confidence: float) -> float:
     """
     Return the radius in m that contains a normally distributed error with a given probability.
 
-    It is that of the largest axis of the covariance, (2, 2) in m^2: exact if the error is the
-    same in all directions, and too large otherwise.
+    The radius follows from the largest axis of the covariance, (2, 2) in m^2: it is exact if the
+    error is the same in all directions, and too large otherwise.
     """
     scale = float(np.abs(covariance).max())
     if scale == 0.0:

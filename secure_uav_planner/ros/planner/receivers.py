@@ -1,8 +1,9 @@
 """
 The receivers of a mission, from their estimates and the tracks of the mission file.
 
-An estimate is predicted from its measurement to a horizon in the time of the clock; a track of the
-mission file holds in the time of the plan. A fresh estimate counts before such a track.
+The planner predicts an estimate from its measurement to a horizon, in the time of the clock. A
+track of the mission file holds in the time of the plan. A fresh estimate replaces the track of its
+receiver.
 """
 
 from dataclasses import replace
@@ -30,7 +31,7 @@ class Receivers(NamedTuple):
     :ivar promised_until: time of the plan in s until which estimates are predicted, or None where
         no receiver moves by an estimate.
     :ivar notes: what an operator should know of each receiver, by its name.
-    :ivar scheduled: names of those that move in the time of the plan.
+    :ivar scheduled: names of the receivers that move in the time of the plan.
     """
 
     fields: dict[str, Any]
@@ -39,7 +40,7 @@ class Receivers(NamedTuple):
     scheduled: frozenset[str]
 
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
-        """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
+        """Return a scenario of these receivers with point 0 later on the clock by a time in s."""
         later = move_receivers(scenario, scenario, seconds)
         members: dict[str, Any] = {
             kind: tuple(old if old.name in self.scheduled else new for old, new in zip(
@@ -99,7 +100,7 @@ def _horizon(settings: PlannerSettings) -> float:
     if settings.prediction_horizon:
         return settings.prediction_horizon
     if settings.has_replans:
-        # Until a replan can take effect that is begun a period, or a lead, later.
+        # The next replan begins a period later and takes effect after its lead.
         return settings.replan_period + 2 * (settings.replan_lead + settings.slot_duration)
     return math.inf
 
@@ -109,10 +110,10 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     """
     Return the track of a receiver from its measurement to a time of the clock; None if it stands.
 
-    With a max_speed it may go anywhere from where it was measured, at that speed or at its
-    measured one if that is larger. Otherwise it goes straight on. As a message does not say how
-    position and velocity correlate, the root of the covariance of the place after t s is at most
-    that of the position plus t times that of the velocity.
+    With a max_speed the receiver may go anywhere from its measured place, at max_speed or at its
+    measured speed if that is larger. Otherwise it goes straight on. A message does not say how
+    position and velocity correlate, so the standard deviation after t s is bounded by the standard
+    deviation of the position plus t times the standard deviation of the velocity.
     """
     velocity, growth = (0.0, 0.0), 0.0
     if pose.velocity is not None and pose.velocity_covariance is not None:
@@ -134,9 +135,9 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     """
     Return True if a receiver is not where a plan expects it at a time in s from point 0.
 
-    So it is if it is more than a distance in m away, or if it moves and is outside its disc; or
-    if a radius has changed by a tenth of the distance. That of one that moves may have become
-    smaller, since a prediction grows with time.
+    A receiver has moved if it is more than a distance in m away, if it moves and has left its
+    disc, or if its radius has changed by a tenth of the distance. The radius of a moving receiver
+    may shrink, because a prediction grows with time.
     """
     old_grounds, old_centres, old_radii = before.receivers_at([time])
     grounds, centres, radii = now.receivers_at([time])
@@ -144,7 +145,7 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
     grown = (radii - old_radii)[:, 0]
     has_left_disc = moving & (moves > old_radii[:, 0])
-    distance = distance or math.inf  # 0 stands for any.
+    distance = distance or math.inf  # A distance of 0 allows any move.
     return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
         has_left_disc | (moves > distance)
         | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())

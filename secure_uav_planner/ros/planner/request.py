@@ -171,7 +171,7 @@ class Request:
 
     @property
     def flight_text(self) -> str:
-        """Text that says which flight the plan continues; empty without one under way."""
+        """Text that says which flight the plan continues; empty without a flight in the air."""
         flight = self.flight
         return '' if flight is None or not flight.is_under_way else (
             f'; it goes on from plan {flight.playback.plan.identity}, which is {flight.state}')
@@ -203,8 +203,9 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
     """
     Return the Request of a new mission, which begins where the UAVs will be.
 
-    :param states: the measured state of each UAV, in the time of the flight or else of the
-        clock; None for a UAV that is on the flight's plan, or at its start without a flight.
+    :param states: the measured state of each UAV, in the time of the flight, or of the clock
+        without a flight; None for a UAV that is on the flight's plan, or at its start without a
+        flight.
     :param flight: the Flight that the mission continues, or None.
     :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """

@@ -88,7 +88,7 @@ class SolverThread:
 
     :param post: called with a function that is to run in the state thread.
     :param on_progress: called in the state thread from time to time during a solve.
-    :ivar job: the Job that is under way, or None.
+    :ivar job: the present Job, or None.
     """
 
     def __init__(self, post: Callable[[Callable[[], None]], None],
@@ -101,16 +101,16 @@ class SolverThread:
 
     @property
     def is_solving(self) -> bool:
-        """Whether a solve is under way."""
+        """Whether the present job is a solve."""
         return self.job is not None and self.job.is_solve
 
     @property
     def progress(self) -> Iteration | None:
-        """Last iteration of a solve under way."""
+        """Last iteration of the present solve, or None."""
         return None if self.job is None else self.job.progress
 
     def cancel(self) -> bool:
-        """Cancel a solve under way, whose result is an error then; False if there is none."""
+        """Cancel the present solve, whose result is then an error; return False without one."""
         if self.job is None or not self.job.is_solve:
             return False
         self.job.stop.set()
@@ -119,7 +119,7 @@ class SolverThread:
     def start(self, work: Work, then: Callable[[Result], None], cancelled: str = 'cancelled',
               is_solve: bool = True) -> None:
         """
-        Start a job, after the one that is under way has stopped.
+        Start a job, after the present job has stopped.
 
         :param then: called with the Result in the state thread, unless a later job was started.
         """
@@ -144,7 +144,7 @@ class SolverThread:
         return self._last
 
     def stop(self) -> None:
-        """Stop the job that is under way, and drop its result."""
+        """Stop the present job, and drop its result."""
         if self.job is not None:
             self.job.stop.set()
             self.job = None

@@ -24,8 +24,8 @@ _MOST_WARNINGS = 5  # About a subject, until it is cleared.
 class RequestOutcome(NamedTuple):
     """The outcome of the last request or replan, with a summary of its plan, or the refusal."""
 
-    level: bytes  # Of DiagnosticStatus.
-    code: str  # 'ok', or that of the error.
+    level: bytes  # A level of DiagnosticStatus.
+    code: str  # 'ok', or the code of the error.
     text: str
     is_replan: bool = False  # Set for a refusal.
 
@@ -35,7 +35,7 @@ class State:
     """The last published plan, the refusal of the last request or replan, and counts."""
 
     plan: Plan | None = None
-    prefix: str = ''  # Of its summary.
+    prefix: str = ''  # Text before the summary of the plan.
     is_replan: bool = False
     bound: Bound | None = None
     refusal: RequestOutcome | None = None
@@ -68,7 +68,7 @@ class State:
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
-        """Make a replan the last plan; return False if its flight is that of the last plan."""
+        """Make a replan the last plan; return False if it changes nothing in the flight."""
         is_new = self.plan is None or plan.identity != self.plan.identity
         self._keep(plan, is_replan=True)
         if is_new:
@@ -144,7 +144,7 @@ def warn_of_namesakes(node: Node) -> str:
 
 
 class WarningLog:
-    """Logs each warning about a subject once, and few of them, until it is cleared."""
+    """Logs each warning about a subject once, at most 5 until the subject is cleared."""
 
     def __init__(self, log: RcutilsLogger) -> None:
         self._log, self._logged = log, defaultdict[str, set[str]](set)
@@ -176,7 +176,7 @@ def make_status(state: State, progress: Iteration | None, is_solving: bool,
     """
     Return the status of the planner, without poses, relays and flight.
 
-    :param progress: last iteration of a solve under way, or None.
+    :param progress: last iteration of the present solve, or None.
     """
     level, text = level_and_text(state.outcome, problems, progress)
     return PlannerStatus(
