@@ -69,7 +69,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
     try:
         return World(**values)
     except OptionError as error:
-        raise OptionError(f'--{error.place[0].replace("_", "-")}: {error}') from None
+        raise OptionError(f'--{str(error.place[0]).replace("_", "-")}: {error}') from None
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:

@@ -211,8 +211,8 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
     except (OSError, ValueError, TimeoutError) as error:
         raise OptionError(f'the scheduler {cluster} cannot be reached: {error}') from None
     with context as client:
-        lost = (f'the scheduler {client.scheduler.address} is lost; the same command goes on from '
-                'here')
+        address = getattr(client.scheduler, 'address', cluster)
+        lost = f'the scheduler {address} is lost; the same command goes on from here'
         queue, submitted = iter(tasks), {}
 
         def submit(count: int) -> list[Any]:

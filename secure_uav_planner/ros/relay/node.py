@@ -15,7 +15,8 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits, Stream
-from ..messages import check_versions, diagnostic_status, fill_message, import_messages, read_setpoint
+from ..messages import (
+    check_versions, diagnostic_status, fill_message, import_messages, read_setpoint)
 from ..parameters import RELAY, RELAY_MEMBERS
 from ..process import run_node, WorkingNode
 from ..references import LocalFrames
