@@ -12,8 +12,8 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
-from secure_uav_planner.model.curve import add_end_moves
-from secure_uav_planner.model.limits.energy import measure_energies
+from secure_uav_planner.model.limits.energy import (
+    compile_energies, lift_limits, measure_energies)
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint import energy, method
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
@@ -73,14 +73,14 @@ def make_mission(seed):
 
 @pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
 @pytest.mark.parametrize('place', [(method, '_improve_guaranteed'),
-                                   (energy._PriceSearch, 'find_prices')])
+                                   (energy, '_advance')])
 def test_a_solve_that_ends_early_has_a_plan_within_the_budget(monkeypatch, place, objective):
     whole = getattr(*place)
 
     def call_and_cancel(driver, *arguments):
         # The first search is not begun: then there is no plan without the budget.
         answer = 'cancelled' if place[0] is method else whole(driver, *arguments)
-        getattr(driver, 'driver', driver).incumbent.deadline.is_cancelled = True
+        driver.incumbent.deadline.is_cancelled = True
         return answer
 
     monkeypatch.setattr(*place, call_and_cancel)
@@ -187,39 +187,34 @@ def test_the_shortest_flight_that_delivers_keeps_budgets():
         shortest_duration(make_paper(150.0, 20e3), 500.0, objective='guaranteed')
 
 
+@pytest.mark.parametrize('budget', [15e3, 30e3])
 @pytest.mark.parametrize('velocity', [(0.0, 0.0), (3.0, -4.0), None])
-def test_the_price_in_the_kernel_is_that_of_the_energy_along_the_curve(velocity):
-    scenario = make_paper(150.0, start_velocity=velocity, goal_velocity=velocity)
+def test_the_kernel_s_energies_are_those_of_the_model_with_their_gradient(velocity, budget):
+    """A budget below the energies has a price, and one above them has a barrier term."""
+    scenario = make_paper(150.0, budget, start_velocity=velocity, goal_velocity=velocity)
     grid, rng = Problem(scenario).grid, np.random.default_rng(0)
-    flight = fly_hover_fly(scenario)
+    flight = fly_hover_fly(lift_limits(scenario))
     x = make_strictly_feasible(grid, flight.positions, flight.powers, 0.1)
-    prices = np.array([1e-3, 3e-3])
+    step = 1e-4 * rng.normal(size=x.shape)
+    energies = compile_energies(grid, grid.positions(x))
+    for variables, tolerance in ((x, 1e-12), (x + 10 * step, 1e-4)):
+        shares, positions = np.empty(2), grid.positions(variables)
+        path = (positions.swapaxes(0, 1) - grid.origin) / grid.length
+        energies.find(np.ascontiguousarray(path), shares)
+        assert shares == pytest.approx(
+            measure_energies(scenario, positions) / budget, rel=tolerance)
+    solver = InteriorPointSolver(grid, x[None], 1e-3, prices=np.array([0.3, 1.0]))
+    assert (solver.over == (budget < 20e3)).all()
 
-    def evaluate(x, prices):
+    def evaluate(variables):
         value, gradient = np.empty(1), np.empty((1, *x.shape))
-        InteriorPointSolver(grid, x[None], 1e-3, prices=prices)._core.evaluate(
-            value, gradient, np.empty((1, grid.slots, 6, 6)))
+        solver.x[0] = variables
+        solver._core.evaluate(value, gradient, np.empty((1, grid.slots, 6, 6)))
         return value[0], gradient[0]
 
-    def price(x):
-        """Return the price by Simpson's rule, and check that it is near that of the energies."""
-        moves = add_end_moves(np.diff(grid.positions(x), axis=1) / grid.slot_duration,
-                              scenario.end_velocities)
-        powers = Propulsion().power(np.linalg.norm([
-            moves[:, :-1], (moves[:, :-1] + moves[:, 1:]) / 2, moves[:, 1:]], axis=-1))
-        simpson = grid.slot_duration / 6 * (np.array([[[1.0]], [[4.0]], [[1.0]]]) * powers).sum(
-            axis=(0, 2))
-        assert simpson == pytest.approx(measure_energies(scenario, grid.positions(x)), rel=1e-4)
-        return prices @ simpson
-
-    (value, gradient), (plain, plain_gradient) = evaluate(x, prices), evaluate(x, None)
-    for _ in range(3):
-        step = 1e-4 * rng.normal(size=x.shape)
-        step[..., 0] = 0.0
-        change = (evaluate(x + step, prices)[0] - evaluate(x + step, None)[0]) - (value - plain)
-        assert change == pytest.approx(price(x + step) - price(x), rel=1e-6)
-        assert ((gradient - plain_gradient) * step).sum() == pytest.approx(
-            (price(x + step) - price(x - step)) / 2, rel=1e-3, abs=2e-8)
+    step[..., 0] = 0.0
+    change = evaluate(x + step)[0] - evaluate(x - step)[0]
+    assert change == pytest.approx(2 * (evaluate(x)[1] * step).sum(), rel=1e-3)
 
 
 def test_check_says_what_share_of_the_battery_is_needed(tmp_path, capsys):

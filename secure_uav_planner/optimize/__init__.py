@@ -5,7 +5,7 @@ The optimisation: methods and baselines, from a scenario to a plan.
 | --- | --- |
 | primal-dual interior-point method, banded steps | `joint/interior_point.py`, `model/kernel/` |
 | multistart, refinement from coarse to fine grids | `joint/multistart.py`, `joint/starts.py` |
-| prices on energy (Lagrangian relaxation), by warm starts | `joint/energy.py` |
+| starts for limits of energy; rising prices (penalties) | `joint/energy.py`, `model/kernel/` |
 | exchange of constraints (semi-infinite programming) | `joint/exchange.py` |
 | alternating successive convex approximation, the paper's | `alternating.py` |
 | projection by sequential convex programming | `initial/projection.py` |

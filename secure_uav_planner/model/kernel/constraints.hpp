@@ -1,8 +1,11 @@
 // The slacks c > 0 of a BarrierProblem and their duals.
 //
 // The kinds of slacks, in this order: one kind for each limit, peaks of powers, average powers,
-// and shares. A slack has the barrier term -mu log c; the slack of an average power has
-// -N mu log c.
+// energies, and shares. A slack has the barrier term -mu log c; the slacks of average powers and of
+// energies have -N mu log c.
+//
+// An energy that exceeds its limit has a price in place of its barrier term. The price rises from
+// step to step until the barrier term has the same slope.
 #pragma once
 
 #include <algorithm>
@@ -15,14 +18,18 @@
 namespace kernel {
 
 constexpr double DUAL_RANGE = 1e4;  // Largest ratio of a dual to its central value mu / c.
+constexpr double PRICE_RISE = 1.3;  // Ratio of an energy's prices in two successive steps.
+// Ratio of a price to N mu above which it does not rise. At higher prices flights leave the centre
+// and are stopped by their other limits.
+constexpr double MOST_PRICE = 1e3;
 
 // UAVS is the number of UAVs if it is known when compiling, or 0 for any number.
 template <int UAVS>
 class Constraints {
 public:
     explicit Constraints(const BarrierProblem& problem)
-        : p_(problem), limits_(p_.limits.size()), means_(limits_ + 1),
-          kinds_(means_ + 2), slopes_(kinds_), line_sets_(limits_), dual_changes_(kinds_) {
+        : p_(problem), limits_(p_.limits.size()), means_(limits_ + 1), energies_(means_ + 1),
+          kinds_(energies_ + 2), slopes_(kinds_), line_sets_(limits_), dual_changes_(kinds_) {
         for (const auto& limit : p_.limits) have_lines = have_lines || limit->has_lines();
     }
 
@@ -41,8 +48,8 @@ public:
 
     // Find all slacks at an x and the barrier function's value. `objective` is the value's part
     // without barrier terms.
-    void evaluate(const double* x, const double* shares, double objective, double mu,
-                  Evaluation& here) {
+    void evaluate(const Iterate& iterate, const double* x, const double* shares, double objective,
+                  double mu, Evaluation& here) {
         p_.fill_path(x, path_);
         LogSum sum;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -63,6 +70,7 @@ public:
             slack = 1.0 - slack / double(p_.slots);
             here.value_without_lines -= double(p_.slots) * mu * std::log(slack);
         }
+        if (p_.energies) evaluate_energies(iterate, mu, here);
         evaluate_lines(mu, here);
     }
 
@@ -77,7 +85,8 @@ public:
     }
 
     // Add the gradient of all barrier terms by x and by the shares.
-    void add_gradient(const Evaluation& here, double mu, double* gradient) const {
+    void add_gradient(const Iterate& iterate, double mu, double* gradient) {
+        const Evaluation& here = iterate.evaluation;
         for (std::size_t l = 0; l < limits_; ++l)
             p_.limits[l]->add_gradient(here.slacks[l], mu, gradient);
         const Reals &peaks = here.slacks[limits_].values, &means = here.slacks[means_].values;
@@ -89,11 +98,20 @@ public:
         for_shares([&](std::size_t i, std::size_t share, std::size_t first) {
             gradient[i] += mu / shares[first] - mu / shares[share];
         });
+        if (!p_.energies) return;
+        p_.fill_path(iterate.x, path_);
+        energy_gradient_.assign(p_.slots * p_.uavs * 3, 0.0);
+        p_.energies->add_gradient(path_.data(), energy_gradient_.data());
+        for_powers([&](std::size_t i, int u) {
+            const double price = iterate.over[u] ? find_price(iterate, u)
+                : weigh(energies_, mu) / here.slacks[energies_].values[u];
+            for (int j = 1; j < 3; ++j) gradient[3 * i + j] += price * energy_gradient_[3 * i + j];
+        });
     }
 
-    // Add the curvature in x to the band. The average powers' curvature is not a band; see
-    // mean_ratio.
-    void add_curvature(const Iterate& iterate, const Band& band) const {
+    // Add the curvature in x to the band. The average powers' curvature and a part of the energies'
+    // are not a band; see mean_ratio and fill_energy_rows.
+    void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
             const double* slack = &slacks[limits_].values[2 * i];
@@ -103,11 +121,25 @@ public:
         });
         for (std::size_t l = 0; l < limits_; ++l)
             p_.limits[l]->add_curvature(slacks[l], iterate.duals[l], band);
+        if (!p_.energies) return;
+        p_.fill_path(iterate.x, path_);
+        p_.energies->add_curvature(path_.data(), iterate.duals[energies_], band);
     }
     // The average power of UAV u adds the outer product of its row, divided by this ratio, to the
     // Hessian.
     double mean_ratio(const Iterate& iterate, int u) const {
         return iterate.evaluation.slacks[means_].values[u] / iterate.duals[means_][u];
+    }
+    // Fill U of R rows with the gradients of the energies by x, and U ratios. Each energy adds the
+    // outer product of its row, divided by its ratio, to the Hessian. Needs add_gradient before.
+    void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
+        const Reals& slacks = iterate.evaluation.slacks[energies_].values;
+        for (int u = 0; u < p_.uavs; ++u)
+            ratios[u] = iterate.over[u] ? 1.0 : slacks[u] / iterate.duals[energies_][u];
+        for_powers([&](std::size_t i, int u) {
+            for (int j = 1; j < 3; ++j)
+                rows[(3 * i + j) * R + u] = iterate.over[u] ? 0.0 : energy_gradient_[3 * i + j];
+        });
     }
     // The curvature that the limit share > 0 of share i adds.
     double share_curvature(const Iterate& iterate, std::size_t i) const {
@@ -128,6 +160,13 @@ public:
             means[u] += step[3 * i];
         });
         for (double& slope : means) slope = -slope / double(p_.slots);
+        Reals& energies = slopes_[energies_].values;
+        energies.assign(p_.energies ? p_.uavs : 0, 0.0);
+        if (p_.energies)
+            for_powers([&](std::size_t i, int u) {
+                for (int j = 1; j < 3; ++j)
+                    energies[u] -= energy_gradient_[3 * i + j] * step[3 * i + j];
+            });
         Reals& shares = slopes_.back().values;
         shares.assign(p_.share_slacks(), 0.0);
         for_shares([&](std::size_t i, std::size_t share, std::size_t first) {
@@ -144,12 +183,15 @@ public:
         std::fill(lengths.begin(), lengths.end(), 1.0);
         for (std::size_t l = 0; l < limits_; ++l)
             p_.limits[l]->limit_steps(slacks[l], slopes_[l], lengths.data());
+        for (std::size_t u = 0; u < slacks[energies_].values.size(); ++u)
+            if (!iterate.over[u])
+                limit_step(lengths[u], slacks[energies_].values[u], slopes_[energies_].values[u]);
         double least = *std::min_element(lengths.begin(), lengths.end());
         for_powers([&](std::size_t i, int u) {
             limit_step(least, iterate.x[3 * i], step[3 * i]);
             limit_step(least, p_.peaks[u] - iterate.x[3 * i], -step[3 * i]);
         });
-        for (std::size_t l = means_; l < kinds_; ++l)
+        for (const std::size_t l : {means_, kinds_ - 1})
             for (std::size_t i = 0; i < slacks[l].values.size(); ++i)
                 limit_step(least, slacks[l].values[i], slopes_[l].values[i]);
         return least;
@@ -161,6 +203,40 @@ public:
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
             for (double& dual : iterate.duals.back()) dual = weigh(l, mu) / dual;
         }
+        for (std::size_t u = 0; u < iterate.duals[energies_].size(); ++u)
+            if (iterate.over[u]) iterate.duals[energies_][u] = find_price(iterate, u);
+    }
+
+    // Choose which energies have a price at first: those with a price below the barrier's slope.
+    void initialise_energies(Iterate& iterate, double mu) {
+        if (!p_.energies) return;
+        Reals energies;
+        p_.fill_path(iterate.x, path_);
+        p_.energies->find(path_.data(), energies);
+        for (int u = 0; u < p_.uavs; ++u)
+            iterate.over[u] =
+                !((1.0 - energies[u]) * find_price(iterate, u) >= weigh(energies_, mu));
+    }
+
+    // Raise the prices of energies, or replace them by barrier terms. Return whether any has risen.
+    bool raise_prices(Iterate& iterate, double mu) const {
+        bool risen = false;
+        const double weight = weigh(energies_, mu);
+        const Reals& slacks = iterate.evaluation.slacks[energies_].values;
+        for (std::size_t u = 0; u < slacks.size(); ++u) {
+            double& dual = iterate.duals[energies_][u];
+            if (iterate.over[u]) {
+                iterate.is_evaluated = false;
+                if (slacks[u] * dual >= weight) {
+                    iterate.over[u] = false;
+                } else if (dual < MOST_PRICE * weight) {
+                    dual *= PRICE_RISE;
+                    risen = true;
+                }
+            }
+            iterate.prices[u] = dual / (double(p_.slots) * p_.rate_unit);
+        }
+        return risen;
     }
 
     // Find the Newton step of the duals, and lower its `length` so that they stay positive.
@@ -171,6 +247,10 @@ public:
             Reals& changes = dual_changes_[l];
             changes.resize(duals.size());
             for (std::size_t i = 0; i < duals.size(); ++i) {
+                if (has_price(iterate, l, i)) {
+                    changes[i] = 0.0;
+                    continue;
+                }
                 changes[i] = (weight - duals[i] * slopes_[l].values[i]) / slacks[i] - duals[i];
                 limit_step(length, duals[i], changes[i]);
             }
@@ -188,6 +268,7 @@ public:
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {
+                if (has_price(iterate, l, i)) continue;
                 const double central = weigh(l, mu) / iterate.evaluation.slacks[l].values[i];
                 double& dual = iterate.duals[l][i];
                 dual = std::min(std::max(dual, central / DUAL_RANGE), central * DUAL_RANGE);
@@ -217,7 +298,28 @@ private:
 
     // The factor of -log c in the barrier term of a kind of slacks.
     double weigh(std::size_t kind, double mu) const {
-        return kind == means_ ? double(p_.slots) * mu : mu;
+        return kind == means_ || kind == energies_ ? double(p_.slots) * mu : mu;
+    }
+
+    bool has_price(const Iterate& iterate, std::size_t kind, std::size_t i) const {
+        return kind == energies_ && iterate.over[i];
+    }
+
+    // The price of an energy in nats per limit.
+    double find_price(const Iterate& iterate, std::size_t u) const {
+        return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
+    }
+
+    // Find the slacks of energies on the last path, and add their terms to the barrier function.
+    void evaluate_energies(const Iterate& iterate, double mu, Evaluation& here) const {
+        Reals& slacks = here.slacks[energies_].values;
+        p_.energies->find(path_.data(), slacks);
+        for (int u = 0; u < p_.uavs; ++u) {
+            if (iterate.over[u]) here.value_without_lines += find_price(iterate, u) * slacks[u];
+            slacks[u] = 1.0 - slacks[u];
+            if (!iterate.over[u])
+                here.value_without_lines -= weigh(energies_, mu) * std::log(slacks[u]);
+        }
     }
 
     // Find the slacks of a limit on the last path, and add their logarithms to a sum.
@@ -227,8 +329,11 @@ private:
     }
 
     const BarrierProblem& p_;
-    const std::size_t limits_, means_, kinds_;  // Numbers: of limits, of the kind means, of kinds.
+    const std::size_t limits_;            // Number of limits.
+    const std::size_t means_, energies_;  // Indices of these kinds.
+    const std::size_t kinds_;             // Number of kinds.
     Reals path_;
+    Reals energy_gradient_;            // Gradient of the sum of all energies, (N, U, 3).
     std::vector<Slacks> slopes_;       // Slopes of the slacks of every kind along the step.
     std::vector<LineSet> line_sets_;   // Lines of every Limit for this step.
     std::vector<Reals> dual_changes_;  // Newton step of the duals of every kind.

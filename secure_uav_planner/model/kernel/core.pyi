@@ -96,9 +96,14 @@ class Limit:
             limit moves.
         """
 
-class EnergyCost:
-    def __init__(self, moves: Vectors, weights: Array, terms: Array) -> None:
-        """Make it from moves (U, S), weights (U, S) and four numbers of PowerTerms (U, 4)."""
+class Energies:
+    """The energies of flights, each as a share of its limit."""
+
+    def __init__(self, moves: Vectors, weights: Array, terms: Array, constants: Array) -> None:
+        """Make them from moves (U, S), weights (U, S), PowerTerms (U, 4) and constants (U,)."""
+
+    def find(self, path: Array, energies: Array) -> None:
+        """Fill the energies, (U,), of a path with start and goal, (M, U, 2)."""
 
 class LineLimit(Limit):
     """
@@ -126,7 +131,7 @@ class FenceLimit(LineLimit):
 
 class InteriorPointSolver:
     def __init__(self, arguments: Arguments, x: Array, shares: Array, mu: Array,
-                 finished: Flags) -> None:
+                 finished: Flags, over: Flags, prices: Array) -> None:
         """
         Make Newton's method on a barrier function, for starts that it changes in place.
 
@@ -135,7 +140,7 @@ class InteriorPointSolver:
             stay, (U,)), `peaks` of power (U,), `weights` of the ground nodes and `offsets` of
             their mean rates in nats (G,), `positions` of the receivers, as in a Grid's Receivers,
             (N, K, 2), their `radii`, which the guarantee adds to distances, (N, K), `listeners`
-            (list of indices of ground nodes), `energy` (an EnergyCost, or None), and `places`.
+            (list of indices of ground nodes), `energies` (None if none is limited), and `places`.
             `places` is None for (P2), and for (P1) a dictionary: `followed`, whether each place
             moves along with the UAVs, (N, E P), `offsets` of the places from the centres of their
             discs (N, E P, 2) and the discs' `radii` (N, E P).
@@ -143,6 +148,9 @@ class InteriorPointSolver:
         :param shares: filled with shares of the slots for the ground nodes, (S, N, G).
         :param mu: barrier parameters in units of rates, (S,).
         :param finished: set to True when a start has converged or stalled, (S,).
+        :param over: set to whether each energy has a price in place of a barrier term, (S, U).
+        :param prices: first prices of the energies in units of rates per limit, (S, U). A price
+            rises from step to step, and is then set to the dual of the limit.
         """
 
     def advance(self, steps: int, final: float, raise_if_over: Callable[[], None]

@@ -1,4 +1,4 @@
-// The energy of flights with a limit of acceleration, by Simpson's rule in each slot, at a price.
+// The energies of flights with a limit of acceleration, by Simpson's rule in each slot.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +9,8 @@
 
 namespace kernel {
 
-// Numbers of a rotary wing's power, each multiplied by the price and the length of a slot. With
-// the square s of a move's length, the power is
+// Numbers of a rotary wing's power, each multiplied by the length of a slot and divided by the
+// limit of the energy. With the square s of a move's length, the power is
 // blade_slope s + induced / sqrt(sqrt(1 + r^2) + r) + drag s^1.5, r = induced_slope s.
 struct PowerTerms {
     double blade_slope, induced, induced_slope, drag;
@@ -33,36 +33,40 @@ struct PowerTerms {
     }
 };
 
-class EnergyCost {
+// The energies of all UAVs, each as a share of its limit.
+class Energies {
 public:
     // `moves` (U, S): S differences of positions for each UAV. `weights` (U, S): weights of the
-    // moves. `terms` (U): power curve of each UAV.
-    EnergyCost(Vectors moves, Reals weights, std::vector<PowerTerms> terms)
-        : moves_(std::move(moves)), weights_(std::move(weights)), terms_(std::move(terms)) {}
+    // moves. `terms` (U): power curve of each UAV. `constants` (U): constant part of each energy.
+    Energies(Vectors moves, Reals weights, std::vector<PowerTerms> terms, Reals constants)
+        : moves_(std::move(moves)), weights_(std::move(weights)), terms_(std::move(terms)),
+          constants_(std::move(constants)) {}
 
     const Vectors& moves() const { return moves_; }
 
-    // Find the price of the flights' energy, up to a constant.
-    double find_value(const double* path) const {
-        double sum = 0.0;
-        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
-            sum += weights_[i] * terms.value(dot(move, move));
+    // Find the energy of each UAV on a path, (U).
+    void find(const double* path, Reals& energies) const {
+        energies = constants_;
+        visit(path, [&](std::size_t i, Point move, std::size_t uav) {
+            energies[uav] += weights_[i] * terms_[uav].value(dot(move, move));
         });
-        return sum;
     }
 
-    // Add the gradient of the price of the energy, (N, U, 3).
+    // Add the gradient of the sum of all energies, (N, U, 3). A position changes the energy of one
+    // UAV only.
     void add_gradient(const double* path, double* gradient) const {
-        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
-            const double slope = 2.0 * weights_[i] * terms.first(dot(move, move));
+        visit(path, [&](std::size_t i, Point move, std::size_t uav) {
+            const double slope = 2.0 * weights_[i] * terms_[uav].first(dot(move, move));
             moves_.add_gradient(i, slope * move, gradient);
         });
     }
 
-    // Add the Hessian. Negative eigenvalues of the Hessian by a move are replaced by 0.
-    void add_curvature(const double* path, const Band& band) const {
-        visit(path, [&](std::size_t i, Point move, const PowerTerms& terms) {
-            const double s = dot(move, move), weight = weights_[i];
+    // Add the Hessians of the energies times their prices, (U). Negative eigenvalues of the Hessian
+    // by a move are replaced by 0.
+    void add_curvature(const double* path, const Reals& prices, const Band& band) const {
+        visit(path, [&](std::size_t i, Point move, std::size_t uav) {
+            const PowerTerms& terms = terms_[uav];
+            const double s = dot(move, move), weight = weights_[i] * prices[uav];
             const double across = std::max(0.0, 2.0 * terms.first(s));
             const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.second(s));
             const double excess = s > 0.0 ? weight * (along - across) / s : 0.0;
@@ -73,18 +77,19 @@ public:
     }
 
 private:
-    // Call a function with every move and the terms of its UAV.
+    // Call a function with the index of every move, the move, and its UAV.
     template <typename Function>
     void visit(const double* path, Function function) const {
         std::vector<Point> moves;
         moves_.find(path, false, moves);
         for (std::size_t i = 0; i < moves.size(); ++i)
-            function(i, moves[i], terms_[i * terms_.size() / moves.size()]);
+            function(i, moves[i], i * terms_.size() / moves.size());
     }
 
     const Vectors moves_;
     const Reals weights_;
     const std::vector<PowerTerms> terms_;
+    const Reals constants_;
 };
 
 }  // namespace kernel

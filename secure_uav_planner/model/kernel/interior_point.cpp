@@ -73,8 +73,8 @@ BarrierProblem make_problem(const py::dict& args) {
     problem.colluding = args["colluding"].cast<bool>();
     problem.rate_unit = args["rate_unit"].cast<double>();
     expect(problem.rate_unit > 0.0, "rate_unit");
-    problem.energy = args["energy"].cast<std::shared_ptr<kernel::EnergyCost>>();
-    expect(!problem.energy || problem.energy->moves().fits(problem.slots, uavs), "energy");
+    problem.energies = args["energies"].cast<std::shared_ptr<kernel::Energies>>();
+    expect(!problem.energies || problem.energies->moves().fits(problem.slots, uavs), "energies");
     if (!args["places"].is_none())
         problem.places = make_places(problem, args["places"].cast<py::dict>());
     return problem;
@@ -84,11 +84,14 @@ BarrierProblem make_problem(const py::dict& args) {
 class InteriorPointSolver {
 public:
     InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
-            const py::buffer& mu, const py::buffer& finished)
+            const py::buffer& mu, const py::buffer& finished, const py::buffer& over,
+            const py::buffer& prices)
         : problem_(make_problem(args)), bandwidth_(problem_.bandwidth()), x_(x, "x"),
           mu_(mu, "mu"),
           shares_(shares, "shares", mu_.size() * problem_.slots * problem_.nodes()),
-          finished_(finished, "finished", mu_.size()) {
+          finished_(finished, "finished", mu_.size()),
+          over_(over, "over", mu_.size() * problem_.uavs),
+          prices_(prices, "prices", mu_.size() * problem_.uavs) {
         expect(mu_.size() > 0, "mu");
         expect(x_.axes() == 4 && x_.shape(0) == mu_.size() && x_.shape(1) == problem_.slots
                    && x_.shape(2) == std::size_t(problem_.uavs) && x_.shape(3) == 3, "x");
@@ -99,6 +102,8 @@ public:
             iterates_[s].shares = &shares_[s * problem_.slots * problem_.nodes()];
             iterates_[s].mu = &mu_[s];
             iterates_[s].finished = &finished_[s];
+            iterates_[s].over = &over_[s * problem_.uavs];
+            iterates_[s].prices = &prices_[s * problem_.uavs];
             worker(0).initialise(iterates_[s]);
         }
     }
@@ -213,7 +218,8 @@ private:
     BarrierProblem problem_;
     const int bandwidth_;
     Array<double> x_, mu_, shares_;
-    Array<bool> finished_;
+    Array<bool> finished_, over_;
+    Array<double> prices_;
     std::vector<kernel::Iterate> iterates_;
     std::vector<std::unique_ptr<kernel::Newton>> workers_;
     std::atomic<bool> stop_{false};
@@ -226,7 +232,7 @@ private:
 void add_interior_point(py::module_& module) {
     py::class_<InteriorPointSolver>(module, "InteriorPointSolver")
         .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&,
-                      const py::buffer&>())
+                      const py::buffer&, const py::buffer&, const py::buffer&>())
         .def("advance", &InteriorPointSolver::advance)
         .def("evaluate_rates", &InteriorPointSolver::evaluate_rates)
         .def("evaluate", &InteriorPointSolver::evaluate)

@@ -14,7 +14,7 @@ using kernel::Array;
 using kernel::copy_flags;
 using kernel::copy_reals;
 using kernel::count_entries;
-using kernel::EnergyCost;
+using kernel::Energies;
 using kernel::expect;
 using kernel::FenceLimit;
 using kernel::Limit;
@@ -67,17 +67,28 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
         copy_reals(squares, "squares", vectors.count()));
 }
 
-// `moves` and `weights` are (U, S), and `terms` (U, 4).
-std::shared_ptr<EnergyCost> make_energy_cost(const Vectors& moves, const py::buffer& weights,
-                                             const py::buffer& terms) {
+// `moves` and `weights` are (U, S), `terms` (U, 4), and `constants` (U).
+std::shared_ptr<Energies> make_energies(const Vectors& moves, const py::buffer& weights,
+                                        const py::buffer& terms, const py::buffer& constants) {
     const std::size_t uavs = count_entries(terms) / 4;
     expect(uavs >= 1 && moves.fits(moves.slots(), uavs) && moves.count() % uavs == 0, "terms");
     const Reals numbers = copy_reals(terms, "terms", 4 * uavs);
     std::vector<kernel::PowerTerms> powers;
     for (std::size_t i = 0; i < numbers.size(); i += 4)
         powers.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3]});
-    return std::make_shared<EnergyCost>(moves, copy_reals(weights, "weights", moves.count()),
-                                        std::move(powers));
+    return std::make_shared<Energies>(moves, copy_reals(weights, "weights", moves.count()),
+                                      std::move(powers),
+                                      copy_reals(constants, "constants", uavs));
+}
+
+// Fill `energies`, (U), with the energies on a path, (M, U, 2).
+void find_energies(const Energies& self, const py::buffer& path, const py::buffer& energies) {
+    const std::size_t uavs = count_entries(energies);
+    const Reals points = copy_reals(path, "path", (self.moves().slots() + 2) * 2 * uavs);
+    Reals values;
+    self.find(points.data(), values);
+    const Array<double> filled(energies, "energies", values.size());
+    std::copy(values.begin(), values.end(), filled.data());
 }
 
 // `ignored` has the flags of all control points, (M, G, K).
@@ -178,8 +189,10 @@ void add_limits(py::module_& module) {
     py::class_<Limit, std::shared_ptr<Limit>>(module, "Limit")
         .def(py::init(&make_limit), arg("vectors"), arg("ignored"), arg("squares"))
         .def("evaluate", &evaluate_limit);
-    py::class_<EnergyCost, std::shared_ptr<EnergyCost>>(module, "EnergyCost")
-        .def(py::init(&make_energy_cost), arg("moves"), arg("weights"), arg("terms"));
+    py::class_<Energies, std::shared_ptr<Energies>>(module, "Energies")
+        .def(py::init(&make_energies), arg("moves"), arg("weights"), arg("terms"),
+             arg("constants"))
+        .def("find", &find_energies);
     py::class_<LineLimit, Limit, std::shared_ptr<LineLimit>>(module, "LineLimit")
         .def("choose_lines", &choose_lines);
     py::class_<ZoneLimit, LineLimit, std::shared_ptr<ZoneLimit>>(module, "ZoneLimit")

@@ -135,7 +135,8 @@ public:
                const std::atomic<bool>& stop) {
         if (!is_finite(band.data(), band.size()) || !factor_positive_definite(stop)) return false;
         return rows_ == UAVS ? solve_factored<UAVS>(gradient, ratios, step)
-                             : solve_factored<0>(gradient, ratios, step);
+            : rows_ == 2 * UAVS ? solve_factored<2 * UAVS>(gradient, ratios, step)
+                                : solve_factored<0>(gradient, ratios, step);
     }
     std::vector<double> blocks;  // The objective's Hessian by slots, (N, 3 U + S, 3 U + S).
     std::vector<double> band;    // The Hessian with the limits' terms, by columns.

@@ -49,7 +49,9 @@ template <int UAVS, class Model>
 class PrimalDualNewton final : public Newton {
 public:
     explicit PrimalDualNewton(const BarrierProblem& problem)
-        : p_(problem), size_(3 * p_.uavs), rows_(p_.uavs + (p_.shares() ? p_.nodes() : 0)),
+        : p_(problem), size_(3 * p_.uavs),
+          energy_rows_(p_.uavs + (p_.shares() ? p_.nodes() : 0)),
+          rows_(energy_rows_ + (p_.energies ? p_.uavs : 0)),
           rates_(problem), constraints_(problem), line_search_(problem),
           system_(p_.slots, p_.uavs, p_.shares(), rows_, p_.bandwidth(), p_.rate_unit),
           gradient_(p_.variables()), step_(p_.variables() + p_.bandwidth()), ratios_(rows_) {
@@ -69,7 +71,8 @@ public:
             rates_.nodes.find_shares(mu, here, iterate.shares);
         }
         constraints_.choose_lines(iterate.x, here, trial_);
-        evaluate_at(iterate.x, iterate.shares, mu, here);
+        constraints_.initialise_energies(iterate, mu);
+        evaluate_at(iterate, iterate.x, iterate.shares, mu, here);
         iterate.is_evaluated = true;
         constraints_.initialise_duals(iterate, mu);
         for (const double slack : here.leak_slacks) iterate.leak_duals.push_back(mu / slack);
@@ -95,12 +98,15 @@ public:
         for (std::size_t i = 0; i < gradient_.size(); ++i) slope += step_[i] * gradient_[i];
         const double length = line_search_.search(
             iterate, step_, gradient_, slope, constraints_, stop, [&] {
-                evaluate_at(line_search_.x.data(), line_search_.shares.data(), mu, trial_);
+                evaluate_at(iterate, line_search_.x.data(), line_search_.shares.data(), mu, trial_);
                 return trial_.value;
             });
         if (stop) return Outcome::stopped;
         move(iterate, mu, length > 0.0);
-        update_mu(iterate, p_.uavs, length, -slope / (double(p_.slots) * mu), final_mu);
+        if (constraints_.raise_prices(iterate, mu))
+            iterate.steps_at_mu = 0;
+        else
+            update_mu(iterate, p_.uavs, length, -slope / (double(p_.slots) * mu), final_mu);
         return solved ? Outcome::stepped : Outcome::failed;
     }
 
@@ -110,7 +116,7 @@ public:
         iterate.is_evaluated = false;  // The caller may have changed its arrays.
         update_evaluation(iterate);
         rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
-        add_gradient(iterate, find_mu(iterate), gradient);
+        constraints_.add_gradient(iterate, find_mu(iterate), gradient);
         return iterate.evaluation.value;
     }
 
@@ -118,37 +124,29 @@ private:
     // The barrier parameter in nats.
     double find_mu(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
 
-    const double* find_path(const double* x) {
-        p_.fill_path(x, path_);
-        return path_.data();
-    }
-
     // Choose lines, and evaluate the iterate. If it was evaluated, evaluate only limits with lines.
     void update_evaluation(Iterate& iterate) {
         constraints_.choose_lines(iterate.x, iterate.evaluation, trial_);
         if (iterate.is_evaluated)
             constraints_.evaluate_lines(find_mu(iterate), iterate.evaluation);
         else
-            evaluate_at(iterate.x, iterate.shares, find_mu(iterate), iterate.evaluation);
+            evaluate_at(iterate, iterate.x, iterate.shares, find_mu(iterate), iterate.evaluation);
     }
 
-    void evaluate_at(const double* x, const double* shares, double mu, Evaluation& here) {
-        double objective = rates_.evaluate(x, shares, mu, here);
-        if (p_.energy) objective += p_.energy->find_value(find_path(x));
-        constraints_.evaluate(x, shares, objective, mu, here);
-    }
-
-    // Add the gradient of the barrier terms and of the energy's price.
-    void add_gradient(const Iterate& iterate, double mu, double* gradient) {
-        constraints_.add_gradient(iterate.evaluation, mu, gradient);
-        if (p_.energy) p_.energy->add_gradient(find_path(iterate.x), gradient);
+    void evaluate_at(const Iterate& iterate, const double* x, const double* shares, double mu,
+                     Evaluation& here) {
+        const double objective = rates_.evaluate(x, shares, mu, here);
+        constraints_.evaluate(iterate, x, shares, objective, mu, here);
     }
 
     // Complete the linear system from the derivatives of the rates: add the other gradients, fill
     // the dense rows, and sum the band from the rates' blocks and the limits' curvature.
     void assemble(const Iterate& iterate, double mu) {
         const Band band{system_.band.data(), system_.height()};
-        add_gradient(iterate, mu, gradient_.data());
+        constraints_.add_gradient(iterate, mu, gradient_.data());
+        if (p_.energies)
+            constraints_.fill_energy_rows(
+                iterate, rows_, &system_.rows[energy_rows_], &ratios_[energy_rows_]);
         if (p_.shares())
             rates_.nodes.fill_rows(iterate, rows_, &system_.rows[p_.uavs], &ratios_[p_.uavs]);
         for (std::size_t i = 0; i < system_.share_curvatures.size(); ++i)
@@ -160,7 +158,6 @@ private:
             for (const int j : fixed_) band.entries[(n * size_ + j) * band.height] = 1.0;
         }
         constraints_.add_curvature(iterate, band);
-        if (p_.energy) p_.energy->add_curvature(find_path(iterate.x), band);
         for (int u = 0; u < p_.uavs; ++u) ratios_[u] = constraints_.mean_ratio(iterate, u);
     }
 
@@ -191,13 +188,15 @@ private:
 
     const BarrierProblem& p_;
     const int size_;  // Number of variables in x of a slot.
-    const int rows_;  // Number of dense rows: one for each average power and each of several nodes.
+    // Numbers of dense rows: one for each average power and each of several nodes, and of all rows,
+    // with one for each limited energy behind them.
+    const int energy_rows_, rows_;
     Rates<UAVS, Model> rates_;
     Constraints<UAVS> constraints_;
     LineSearch<UAVS> line_search_;
     NewtonSystem<UAVS> system_;
     Evaluation trial_;
-    Reals gradient_, step_, ratios_, path_;
+    Reals gradient_, step_, ratios_;
     std::vector<int> fixed_;  // Indices of the variables in x of a slot that do not vary.
 };
 

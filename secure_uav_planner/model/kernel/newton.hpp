@@ -43,7 +43,7 @@ struct BarrierProblem {
     std::shared_ptr<const LinkGains> gains;
     Places places;
     double rate_unit = 1.0;  // The unit of rates, in nats.
-    std::shared_ptr<const EnergyCost> energy;  // Null without a price of energy.
+    std::shared_ptr<const Energies> energies;  // Null if no energy is limited.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     int nodes() const { return int(receivers.weights.size()); }
@@ -97,7 +97,8 @@ struct Evaluation {
     Reals leak_slacks;   // Slacks t - rate, (N, E) for each leak; only if the largest rate leaks.
     Reals node_rates;    // (Rate - leak) / weight, (N, G); only with several nodes.
     Reals node_slacks;   // Slacks mean - eta, (G); only with several nodes.
-    // Slacks of every Limit, of the peaks (N, U, 2), of the average powers (U), and of the shares.
+    // Slacks of every Limit, of the peaks (N, U, 2), of the average powers (U), of the energies
+    // (U), and of the shares.
     std::vector<Slacks> slacks;
     double value_without_lines = 0.0;   // The value without the limits that have lines.
 };
@@ -109,6 +110,8 @@ struct Iterate {
     double* shares = nullptr;   // Fractions of the slots for the ground nodes, (N, G).
     double* mu = nullptr;       // Barrier parameter in units of rates.
     bool* finished = nullptr;   // Whether the start has converged or stalled.
+    bool* over = nullptr;       // Whether each energy has a price in place of a barrier, (U).
+    double* prices = nullptr;   // Prices of the energies in units of rates per limit, (U).
     int steps_at_mu = 0;        // Number of steps with the present mu.
     std::vector<Reals> duals;   // Duals of `slacks` in Evaluation, with their shapes.
     Reals leak_duals;           // Duals of `leak_slacks`; their sum is 1 in each slot of a leak.

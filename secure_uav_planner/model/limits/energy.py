@@ -70,26 +70,27 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         for uav, energy in zip(scenario.uavs, energies.tolist(), strict=True))
 
 
-def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
+def compile_energies(grid: Grid, positions: Array) -> core.Energies:
     """
-    Return the kernel's form of the energy at a price, by Simpson's rule in each slot.
+    Return the kernel's form of the energies, in shares of max_energy, by Simpson's rule.
 
-    It only leads the search: in slots of 4 s it may differ by 0.4% from the energy that
-    max_energy limits. The velocity of a slot changes from the move before its point to the move
-    after its point, and is the mean of both moves in its middle.
+    A constant makes them exact for one flight: in slots of 4 s Simpson's rule may be 0.4% off. The
+    velocity of a slot changes from the move before its point to the move after its point, and is
+    the mean of both moves in its middle.
 
-    :param prices: price of each UAV's energy, (U,) in nats per J; 0 without a propulsion.
+    :param positions: the flights for which they are exact, (U, N+2, 2) in m.
     """
     unit = (grid.length / grid.slot_duration)**2  # The unit of squared speeds.
-    terms = np.zeros((len(prices), 4))
-    for index, (uav, price) in enumerate(zip(grid.scenario.uavs, prices, strict=True)):
+    budgets = grid.scenario.max_energies
+    terms = np.zeros((len(budgets), 4))
+    for index, (uav, budget) in enumerate(zip(grid.scenario.uavs, budgets, strict=True)):
         wing = uav.propulsion
         if wing is not None:
-            terms[index] = price * grid.slot_duration * np.array([
+            terms[index] = grid.slot_duration / budget * np.array([
                 3 * wing.blade_power * unit / wing.tip_speed**2, wing.induced_power, 0.0,
                 wing.drag * unit**1.5])
             terms[index, 2] = unit / (2 * wing.induced_velocity**2)
-    uavs, slots = len(prices), grid.slots
+    uavs, slots = len(budgets), grid.slots
     # Each of S moves is share * (end - begin) plus a constant, and has a weight of Simpson's rule.
     # First come the moves of the path, then the mean moves in the middle of slots, then the mean
     # moves at both ends.
@@ -105,4 +106,8 @@ def price_energies(grid: Grid, prices: Array) -> core.EnergyCost:
     points = np.stack([begin, end], axis=-1) * uavs + np.arange(uavs)[:, None, None]
     moves = compile_vectors(
         grid, points, share[..., None] * [-1.0, 1.0], constants, differences=True)
-    return core.EnergyCost(moves, weights, terms)
+    shares = np.empty(uavs)
+    path = np.ascontiguousarray((positions.swapaxes(0, 1) - grid.origin) / grid.length)
+    core.Energies(moves, weights, terms, np.zeros(uavs)).find(path, shares)
+    exact = measure_energies(grid.scenario, positions) / budgets
+    return core.Energies(moves, weights, terms, exact - shares)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .interior_point import (
-    Discs, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, WARM_MU, WARM_SHARE)
+    Discs, FIRST_PRICE, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, WARM_MU, WARM_SHARE)
 from .starts import make_strictly_feasible
 from ...errors import NumericalError
 from ...mission.scenario import Array
@@ -49,41 +49,33 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
     driver.raise_if_over()
     x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
                                driver.raise_if_over)
-    status = _improve_from(driver, x, WARM_MU if incumbent.warm else PLACES_MU)
+    status = improve_from_start(driver, x, WARM_MU if incumbent.warm else PLACES_MU)
     if optima is not None and len(optima.x) > 1:
         with suppress(NumericalError, np.linalg.LinAlgError):
             best = _explore(driver, optima)
             fine = driver.refine_to_full_grid(optima.grid, best[None], EXPLORED_MU)
-            _improve_from(driver, fine.x[0], EXPLORED_MU)
+            improve_from_start(driver, fine.x[0], EXPLORED_MU)
     return status
 
 
-def descend_by_exchange(driver: SolverDriver, x: Array, mu: float) -> Array:
-    """Return the best iterates, (S, N, U, 3), of an exchange from each start at given prices."""
-    descended = []
-    for start in x:
-        exchange = _Exchange(driver, driver.grid, start, mu)
-        driver.descend(exchange, PLACES_FINAL_MU, MORE_STEPS)
-        descended.append(exchange.best)
-    return np.array(descended)
-
-
-def _improve_from(driver: SolverDriver, x: Array, mu: float) -> Status:
-    """Improve the incumbent from a start on the full grid, (N, U, 3)."""
+def improve_from_start(driver: SolverDriver, x: Array, mu: float,
+                       prices: float | Array = FIRST_PRICE) -> Status:
+    """Improve the incumbent from a start on the full grid, (N, U, 3), and prices of energies."""
     incumbent = driver.incumbent
     before = incumbent.rate
-    status, at_rest = _improve_once(driver, x, mu, MOST_STEPS)
+    status, at_rest = _improve_once(driver, x, mu, MOST_STEPS, prices)
     # If places oscillated and the first round gained much, a second round may gain more.
     if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
         x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
                                    WARM_SHARE, driver.raise_if_over)
-        _improve_once(driver, x, mu, MORE_STEPS)
+        _improve_once(driver, x, mu, MORE_STEPS, prices)
     return status
 
 
-def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
+def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
+                  prices: float | Array) -> tuple[Status, bool]:
     """Improve the incumbent in one round; return the status, and True if places came to rest."""
-    exchange = _Exchange(driver, driver.grid, x, mu)
+    exchange = _Exchange(driver, driver.grid, x, mu, prices)
     return driver.finish(exchange, PLACES_FINAL_MU, steps), exchange.at_rest
 
 
@@ -104,16 +96,18 @@ class _Exchange:
     A Solver of Newton steps from a start, (N, U, 3), between which places are exchanged.
 
     :ivar best: best iterate so far, (N, U, 3).
-    :ivar rate: rate of the best iterate, as in WorstPlaces, minus the price of its energy [nats].
+    :ivar rate: rate of the best iterate, as in WorstPlaces [nats]; 0 before the first iterate with
+        all energies within their limits.
     """
 
-    def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float) -> None:
-        self.grid, self._driver, self._tolerance = grid, driver, WORSE * grid.rate
+    def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float,
+                 prices: float | Array = FIRST_PRICE) -> None:
+        self.grid, self._tolerance = grid, WORSE * grid.rate
         self._places = WorstPlaces(grid, x)
         self._solver = InteriorPointSolver(
             grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
-            driver.prices)
-        self.best, self.rate = x, self._places.rate - driver.find_cost(grid, x)
+            prices)
+        self.best, self.rate = x, 0.0 if self._solver.over.any() else self._places.rate
         # The proof of a worst case pays only for iterates that seem better than the incumbent.
         self._proposed = driver.incumbent.rate * np.log(2)
         self._last_steps = 0  # Number of steps with the last barrier parameter.
@@ -147,9 +141,8 @@ class _Exchange:
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
         self._solver.exchange(self._places.receivers, self._places.discs, worse)
         self._last_steps += int(self._solver.mu[0] <= PLACES_FINAL_MU)
-        rate = self._places.rate - self._driver.find_cost(self.grid, x)
-        if rate > self.rate:
-            self.best, self.rate = x.copy(), rate
+        if self._places.rate > self.rate and not self._solver.over.any():
+            self.best, self.rate = x.copy(), self._places.rate
         return 1
 
 

@@ -13,8 +13,8 @@ from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.grid import Grid, Receivers
 from ...model.kernel import core
-from ...model.limits import build_limits, measure_energies
-from ...model.limits.energy import price_energies
+from ...model.limits import build_limits
+from ...model.limits.energy import compile_energies
 from ...plan.plan import Status
 
 COARSE_SLOTS = 40  # Slots of the coarse grid.
@@ -23,6 +23,7 @@ FINAL_MU = 1e-8  # Barrier parameter that ends the full grid.
 REFINED_MU = 0.03  # Least first barrier parameter on a finer grid if interpolation is not centred.
 MOST_STEPS = 150  # Largest number of Newton steps on one grid.
 TRY_EVERY = 16  # Steps between proposals; a proposal takes as long as several steps.
+FIRST_PRICE = 0.03  # First price of a limited energy, in units of rates per limit.
 WARM_SHARE = 0.01  # Fraction by which an earlier plan is moved into the interior.
 WARM_MU = 1e-3  # First barrier parameter for an earlier plan.
 
@@ -46,28 +47,33 @@ class InteriorPointSolver:
         step and leaves the starts as they are.
     :param receivers: receivers at places in the discs; by default the guarantee's receivers.
     :param discs: discs of the receivers' places.
-    :param prices: price of each UAV's energy in nats per J, (U,), or None.
+    :param prices: first prices of limited energies in units of rates per limit, which broadcast
+        to (S, U); see `kernel/constraints.hpp`.
     :ivar x: iterates of all starts, changed in place.
     :ivar shares: fraction of each slot for each ground node, (S, N, G), changed in place.
     :ivar mu: barrier parameter of each start, (S,), changed in place.
     :ivar finished: whether each start has converged or stalled, (S,), changed in place.
+    :ivar over: whether each energy may exceed its limit, (S, U), changed in place.
+    :ivar prices: prices of the energies, or duals of their limits, (S, U), changed in place.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
                  raise_if_over: DeadlineCheck = lambda: None,
                  receivers: Receivers | None = None, discs: Discs | None = None,
-                 prices: Array | None = None) -> None:
+                 prices: float | Array = FIRST_PRICE) -> None:
         self.grid = grid
         self.raise_if_over = raise_if_over
         self.solver_time = 0.0
         self.x: Array = np.array(x, float, order='C')
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
+        self.over: NDArray[np.bool_] = np.zeros((len(x), len(grid.fixed)), bool)
+        self.prices: Array = np.full(self.over.shape, 1.0) * prices
         receivers = receivers or Receivers.of(grid)
         self.shares: Array = np.empty((*self.x.shape[:2], len(receivers.weights)))
         self._core = core.InteriorPointSolver(
-            _build_problem(grid, receivers, discs, prices), self.x, self.shares, self.mu,
-            self.finished)
+            _build_problem(grid, receivers, discs, self.x[0]), self.x, self.shares, self.mu,
+            self.finished, self.over, self.prices)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
         """Continue with receivers at exchanged places; if they are worse, no start is finished."""
@@ -77,10 +83,14 @@ class InteriorPointSolver:
             self.finished[:] = False
 
     def rates(self) -> Array:
-        """Return each start's least weighted mean rate in units, negative rates as 0, (S,)."""
+        """
+        Return each start's least weighted mean rate in units, negative rates as 0, (S,).
+
+        The rate of a start with an energy that may exceed its limit is 0.
+        """
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)
-        return rates / self.grid.rate
+        return np.where(self.over.any(axis=1), 0.0, rates / self.grid.rate)
 
     @property
     def is_done(self) -> bool:
@@ -148,7 +158,6 @@ class SolverDriver:
 
     :ivar grid: the full grid, which has the scenario's slots.
     :ivar elevation_offset: widening of the smoothed quantile of fading links; see make_links.
-    :ivar prices: price of each UAV's energy in nats per J, (U,), or None.
     :ivar optima: optima of a multistart near the best one, if there are several; else None.
     """
 
@@ -157,19 +166,13 @@ class SolverDriver:
         self.raise_if_over = incumbent.deadline.raise_if_over
         self.grid = incumbent.problem.grid
         self.elevation_offset = 0.0
-        self.prices: Array | None = None
         self.optima: Optima | None = None
 
-    def find_cost(self, grid: Grid, x: Array) -> float:
-        """Return the price of the energy of variables (N, U, 3) in nats per slot."""
-        if self.prices is None:
-            return 0.0
-        return float(self.prices @ measure_energies(grid.scenario, grid.positions(x))) / grid.slots
-
-    def build_solver(self, grid: Grid, x: Array, mu: float | Array) -> InteriorPointSolver:
+    def build_solver(self, grid: Grid, x: Array, mu: float | Array,
+                     prices: float | Array = FIRST_PRICE) -> InteriorPointSolver:
         """Return an InteriorPointSolver that stops when the method must end."""
         return InteriorPointSolver(grid, x, mu, self.raise_if_over,
-                                   Receivers.of(grid, self.elevation_offset), prices=self.prices)
+                                   Receivers.of(grid, self.elevation_offset), prices=prices)
 
     def advance(self, solver: Solver, steps: int, mu: float) -> None:
         """Take `steps` steps from every start, without looking whether the solver is done."""
@@ -183,31 +186,33 @@ class SolverDriver:
         """Take at most `steps` steps until a solver is done, with proposals to the incumbent."""
         return self._take_steps(solver, mu, steps, try_every=TRY_EVERY)
 
-    def refine_to_full_grid(self, coarse: Grid, x: Array,
-                            mu: float | Array) -> InteriorPointSolver:
+    def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array,
+                            prices: float | Array = FIRST_PRICE) -> InteriorPointSolver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
         :param mu: barrier parameter on the coarse grid, of all starts or of each, (S,).
+        :param prices: prices of energies on the coarse grid, of all or of each, (S, U).
         """
+        prices = np.full((len(x), len(coarse.fixed)), 1.0) * prices
         full = self.grid.slots
         grid, mu = coarse, np.full(len(x), 1.0) * mu
         while grid.slots < full:
             if grid is not coarse:
-                middle = self.build_solver(grid, x, mu)
+                middle = self.build_solver(grid, x, mu, prices)
                 self.descend(middle, _MIDDLE_MU)
-                x, mu = middle.x, middle.mu
+                x, mu, prices = middle.x, middle.mu, middle.prices
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
             refined = [refine(grid, start, finer, self.raise_if_over) for start in x]
             inside = [start is not None for start in refined]
             if not any(inside):
                 raise NumericalError('no flight strictly inside the limits was found')
-            grid, mu = finer, mu[inside]
+            grid, mu, prices = finer, mu[inside], prices[inside]
             x = np.array([start for start in refined if start is not None])
             if grid.scenario.limits_acceleration or not grid.airspace.is_open:
                 mu = np.maximum(mu, REFINED_MU)
-        return self.build_solver(grid, x, mu)
+        return self.build_solver(grid, x, mu, prices)
 
     def _take_steps(self, solver: Solver, mu: float, steps: int, at_once: int = 1,
                     try_every: int = 0) -> Status:
@@ -257,13 +262,14 @@ class SolverDriver:
 
 
 def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
-                   prices: Array | None) -> dict[str, Any]:
-    """Return the problem of the kernel, by the names of core.pyi."""
+                   x: Array) -> dict[str, Any]:
+    """Return the problem of the kernel, by the names of core.pyi; energies are exact at x."""
     limits = [limit.compiled for limit in build_limits(grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'rate_unit': grid.rate, 'listeners': list(receivers.listeners),
-        'energy': None if prices is None else price_energies(grid, prices),
+        'energies': (compile_energies(grid, grid.positions(x))
+                     if grid.scenario.limits_energy and not grid.fixed.all() else None),
         'limits': [limit for limit in limits if limit is not None],
         'gains': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),

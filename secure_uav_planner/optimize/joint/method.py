@@ -7,7 +7,7 @@ best plans are then improved for it, `exchange.py`. Limits of energy are kept la
 
 import math
 
-from .energy import find_within_energy, improve_within_energy
+from .energy import find_within_energy, improve_warm, improve_within_energy
 from .exchange import improve_by_exchange
 from .interior_point import SolverDriver
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
@@ -60,7 +60,7 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
     """
     incumbent = driver.incumbent
     if incumbent.warm and math.isfinite(incumbent.rate):
-        return run_to_end(improve_within_energy, driver, ())
+        return run_to_end(improve_warm, driver)
     if incumbent.deadline.may_end:  # So that there is a plan if time is short.
         run_to_end(find_within_energy, driver)
     guaranteed, worst_case = (SolverDriver(incumbent.without_energy_limits(objective))
@@ -75,7 +75,8 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
         incumbent.try_improve(free.incumbent.positions, free.incumbent.useful_powers)
     if all(_is_within_energy(incumbent, free) for free in drivers):
         return status
-    status = run_to_end(improve_within_energy, driver, [free.incumbent for free in drivers])
+    status = run_to_end(improve_within_energy, driver, [free.incumbent for free in drivers],
+                        guaranteed.optima)
     if math.isinf(incumbent.rate):
         incumbent.deadline.raise_if_over()
         raise InfeasibleMissionError(

@@ -76,14 +76,14 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             more_x, more_rates = _advance(driver, grid, *next(batches), STEPS)
             x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         if len(incumbent.scenario.ground_nodes) == 1:
-            near = _select_best(rates, GAP, POLISHED)
+            near = select_best(rates, GAP, POLISHED)
             x, rates = _polish(driver, grid, x[near], rates[near], POLISH_STEPS)
         else:
-            near = _select_best(rates, NODES_GAP, POLISHED)
+            near = select_best(rates, NODES_GAP, POLISHED)
             x, rates = _polish(driver, grid, x[near], rates[near], NODES_STEPS)
             x, rates = _hop(driver, grid, x, rates)
-        driver.optima = Optima(grid, x[_select_best(rates, GAP, POLISHED)])
-    near = _select_best(rates, GAP, 1 if agreed else FINISHED)
+        driver.optima = Optima(grid, x[select_best(rates, GAP, POLISHED)])
+    near = select_best(rates, GAP, 1 if agreed else FINISHED)
     fine = _reduce_elevation_offset(driver, driver.refine_to_full_grid(grid, x[near], COARSE_MU))
     status = driver.finish(fine)
     if not agreed:
@@ -177,7 +177,7 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[Arra
     rng = np.random.default_rng(6)
     with suppress(*_FAILURES):
         for kept in HOPS:
-            best = _select_best(rates, NODES_GAP, kept)
+            best = select_best(rates, NODES_GAP, kept)
             x, rates = x[best], rates[best]
             number = np.arange(max(HOPS)) % len(best)
             hopped, tried, mu = generate_hops(
@@ -199,7 +199,7 @@ def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
     incumbent.try_improve(baseline.positions, baseline.powers)
 
 
-def _select_best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
+def select_best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
     """Return a start of each distinct rate within a gap of the best, the best first."""
     order = np.argsort(-rates)
     best = rates[order[0]]
