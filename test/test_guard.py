@@ -195,3 +195,11 @@ def test_a_stream_has_a_state_from_its_first_setpoint_to_its_end():
     assert guard.state(now + 2 * SECOND, CHECKED) is StreamState.ENDED
     assert guard.has_ended(now + 2 * SECOND, CHECKED)
     assert guard.state(now + 2 * SECOND, CHECKED) is StreamState.NONE
+
+
+def test_in_another_frame_the_last_place_is_held_and_continued_where_it_is_there():
+    guard, x, now = streamed()
+    guard.change_frame(lambda place: (place[0] + 50.0, *place[1:]))
+    assert guard.hold(now + SECOND).position == (x + 50.0, 0.0, 100.0)
+    assert not passes(guard, at(x + 0.5, now + STEP))
+    assert passes(guard, at(x + 50.5, now + 2 * STEP))
