@@ -205,7 +205,7 @@ def remarks(*xs, covariance=None, **settings):
 
 def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once_what_to_do():
     remark, = remarks(*range(0, 200, 5))
-    assert 'eavesdropper has left its disc' in remark and 'counts as standing' in remark
+    assert 'eavesdropper has left its disc' in remark and 'modelled as stationary' in remark
     assert 'publish its odometry on eavesdropper/odom or set eavesdropper.max_speed' in remark
     assert not remarks(*range(0, 200, 5), **{'eavesdropper.max_speed': 5.0})
     assert not remarks(0, 50, 0, 50, 50, 0)  # Single errors, and no motion.

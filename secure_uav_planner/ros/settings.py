@@ -30,7 +30,7 @@ Kind = TypeVar('Kind')
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
-_MOST_IN_ZONE = 80  # Characters of a zone's name, to which a number may be added.
+_MOST_IN_ZONE = 80  # Largest length of a zone's name, to which a number may be added.
 
 
 class Settings(Generic[Kind]):
@@ -43,7 +43,8 @@ class Settings(Generic[Kind]):
     :param specs: a Spec for each parameter name.
     :param make: returns the settings of the node for all values by name, or raises a
         PlanningError for a wrong combination.
-    :param sections: as in read_member_specs, for the members that the values of `specs` name.
+    :param sections: sections of the table for the members that parameters name; see
+        read_member_specs.
     :raises ParameterError: for a wrong value at the start; the text names the parameter.
     :ivar current: the settings for the present values.
     """
@@ -123,10 +124,10 @@ def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '',
 @dataclass(frozen=True)
 class VehicleSettings:
     """
-    Where the local frame of a vehicle begins.
+    The parameters of a vehicle's local frame.
 
-    :ivar origin: (x, y, z) in m in the frame of the mission.
-    :ivar reference: who reports its place on Earth.
+    :ivar origin: origin of the local frame, (x, y, z) in m in the frame of the mission.
+    :ivar reference: autopilot that reports the origin's place on Earth, or 'none'.
     """
 
     origin: tuple[float, float, float]
@@ -142,7 +143,7 @@ class FrameSettings(Protocol):
 
     @property
     def origin(self) -> Origin | None:
-        """Where the mission is on Earth."""
+        """Place on Earth of the mission's origin, or None."""
 
 
 # From parameters to a mission
@@ -268,7 +269,7 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
 
 
 def _name_zones(names: Sequence[str], taken: Sequence[str]) -> tuple[str, ...]:
-    """Return names of zones as prefixes of parameters, unlike each other and those taken."""
+    """Return names of zones that are legal as prefixes of parameters, unique and not taken."""
     legal = [re.sub(r'\W|^(?=\d)', '_', name[:_MOST_IN_ZONE], flags=re.ASCII) for name in names]
     return make_unique([*taken, *legal])[len(taken):]
 

@@ -84,8 +84,8 @@ class Frames:
             return self._buffer.lookup_transform(
                 frame_id, header.frame_id, Time.from_msg(header.stamp)).transform
         except (self._tf2.ExtrapolationException, ValueError):
-            # Poses arrive as soon as they are measured, and transforms a little later. Stamps
-            # before 1970 raise a ValueError.
+            # A transform may arrive a little later than a pose of the same time. Stamps before
+            # 1970 raise a ValueError.
             transform = self._buffer.lookup_transform(frame_id, header.frame_id, latest)
             lag = nanoseconds(header.stamp) - nanoseconds(transform.header.stamp)
             if abs(lag) > _LONGEST_LAG * 1e9:

@@ -1,9 +1,9 @@
 """
 The planner node: plans from poses and parameters.
 
-One thread, the state thread, runs all callbacks: poses, tracking, plan and outcome belong to it.
-Solves run in a thread of their own and post their results to it. `~/plan` waits in a callback
-group of its own, so that other callbacks run meanwhile.
+One thread, the state thread, runs all callbacks, and only it may use poses, tracking, plan and
+outcome. Solves run in a thread of their own and post their results to the state thread. `~/plan`
+waits in a callback group of its own, so that other callbacks run meanwhile.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,8 +40,8 @@ from ...optimize.initial import is_similar
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 
-_CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
-_DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
+_CHECK_PERIOD = 0.1  # Time [s] between checks of the UAVs' positions and of replans.
+_DISCOVERY = 3.0  # Longest time [s] that nodes of one host took to discover each other.
 
 
 class Planner(WorkingNode):
@@ -69,7 +69,8 @@ class Planner(WorkingNode):
         self._state = State()
         self._solver = SolverThread(self.post, self._publish_status)
         self._call = Call('answered')  # The last call of ~/plan.
-        self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
+        # Time, by time.monotonic, until which a restored plan's follower may be discovered.
+        self._discovery_deadline = 0.0
         self._replanning = Replanning(self._poses, self._tracking)
         self._replan_problem = ''
         self._make_interface()
@@ -207,7 +208,7 @@ class Planner(WorkingNode):
             '' if unknown is None else f'; the follower has another plan, {unknown}'))
 
     def _log_notes(self, notes: Mapping[str, str]) -> None:
-        """Log what is to be said of a receiver when it is another word than the last."""
+        """Log the note about each receiver that differs from its last logged note."""
         for receiver, note in notes.items():
             if self._notes.get(receiver) != note:
                 self.get_logger().warning(note)

@@ -25,11 +25,11 @@ from ...plan.tracking import (
     AchievedRates, deviation, FollowerReports, MeasuredState, predict_stop, PUNCTUAL,
     SILENCE, Watch)
 
-_MOST_PLANS = 8  # That are kept for the reports of a follower.
-_SAME_TIME = 0.01  # s
-_ROUNDING = 1e-6  # s
-_LEAST_AHEAD = 3.0  # s before a plan takes effect, in which another one can still replace it.
-ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
+_MOST_PLANS = 8  # Number of last plans that are kept for the reports of a follower.
+_SAME_TIME = 0.01  # Largest time [s] between the expected and the present time of a plan.
+_ROUNDING = 1e-6  # Tolerance of a time [s].
+_LEAST_AHEAD = 3.0  # Least time [s] before the effect of a plan at which another can replace it.
+ADOPTION_GRACE = 2.0  # Time [s] that a follower has to adopt a plan after it comes or begins.
 
 
 class PlanTracking:
@@ -44,8 +44,8 @@ class PlanTracking:
 
     def __init__(self, poses: PoseBook) -> None:
         self._poses, self.relays = poses, RelayReports()
-        self._plans: dict[str, Playback] = {}  # By identity.
-        self._published_ns = 0  # The newest plan.
+        self._plans: dict[str, Playback] = {}  # The last plans by identity.
+        self._published_ns = 0  # Time of the newest plan's publication.
         self._track = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
@@ -56,7 +56,7 @@ class PlanTracking:
         self._reports: FollowerReports | None = None
         self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
         self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
-        self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
+        self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
         """Track a plan that is published now."""
@@ -68,7 +68,7 @@ class PlanTracking:
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
-        """Use the report of a follower that arrived at a time in s."""
+        """Use the report of a follower that arrived at a time [s]."""
         clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock * 1e-9
         identity, follower = read_plan_time(message)
@@ -84,7 +84,7 @@ class PlanTracking:
             self._ignored = follower, clock * 1e-9
             return
         if last is None or (last.follower, last.identity) != (follower, identity):
-            # A follower that passes from one plan to the next does not stop.
+            # The playback speed is kept, because a follower does not stop between plans.
             scale = 0.0 if last is None else last.at(clock, 0)[1]
             is_same_flight = last is not None and last.follower == follower and (
                 self._start_ns(last.identity) == self._start_ns(identity))
@@ -133,7 +133,7 @@ class PlanTracking:
         return flight._replace(time=(plan_ns - start_ns) * 1e-9).lateness(clock_ns * 1e-9)
 
     def check_promise(self, now: float) -> Plan | None:
-        """End the promise to a flight that is late; return its plan with the promise that ends."""
+        """End the promise of a flight that is early or late; return its plan, or None if not."""
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
             return None
@@ -153,7 +153,7 @@ class PlanTracking:
         return ended
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
-        """Return True if the promise to a flight ends within a time in s."""
+        """Return True if the promise of a flight ends within `ahead` s of the plan's time."""
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
@@ -223,7 +223,7 @@ class PlanTracking:
 
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
-        """Return the state of each UAV to plan from; None where it is not known or not used."""
+        """Return the state of each UAV to plan from; None if it is unknown or not to be used."""
         states = [self._state(name, flight, settings, now) if uav.use_pose else None
                   for name, uav in settings.uavs.items()]
         return [state if state is None or flight is None else state._replace(
@@ -253,7 +253,7 @@ class PlanTracking:
         return MeasuredState(time, pose.position, velocity)
 
     def _is_held(self, name: str, index: int, flight: Flight) -> bool:
-        """Return True if a UAV is kept from its plan, by its relay or by how it moves."""
+        """Return True if a UAV is held, by what its relay reports or by how it moves."""
         return self._is_stopped(name) or self._watches[name].is_held(flight.playback, index)
 
     def _is_stopped(self, name: str) -> bool:
@@ -266,7 +266,7 @@ class PlanTracking:
 
     def _offsets(self, flight: Flight | None, settings: PlannerSettings, now: float
                  ) -> dict[str, Array]:
-        """Return the offset of each UAV from its plan in m, by name, where it is known."""
+        """Return the known offsets of UAVs from their plan in m, by name."""
         if flight is None:
             return {}
         states = {name: self._state(name, flight, settings, now)
@@ -276,7 +276,7 @@ class PlanTracking:
                 if state is not None}
 
     def distances(self, settings: PlannerSettings, now: float) -> dict[str, float]:
-        """Return the distance of each UAV from its plan in m, by name, where it is known."""
+        """Return the known distances of UAVs from their plan in m, by name."""
         return {name: math.hypot(*offset)
                 for name, offset in self._offsets(self.flight(now), settings, now).items()}
 
@@ -300,7 +300,11 @@ class PlanTracking:
         return distances
 
     def observe(self, settings: PlannerSettings, now: float) -> None:
-        """Add the present positions of the UAVs to the achieved rate, and watch their motion."""
+        """
+        Count the measured positions in the achieved rate, and note how the UAVs move.
+
+        Nothing is counted while the position of a UAV is unknown.
+        """
         flight = self.flight(now)
         for name in settings.uavs:
             state = None if flight is None else self._state(name, flight, settings, now)
@@ -373,7 +377,7 @@ def start_of(plan: Plan) -> int:
 
 
 def _promise_end(plan: Plan) -> float:
-    """Return the end of the promise in s from point 0; infinite if it is the plan's end."""
+    """Return the end of the promise [s] from point 0; infinite if it lasts to the plan's end."""
     until, last = plan.promised_until, float(plan.times[-1])
     return math.inf if until is None or until >= last - _ROUNDING else until
 
@@ -391,5 +395,4 @@ def check_continuation(before: Flight | None, now: Flight | None, elapsed: float
                         'made; ask again')
     if now is None or (
             abs(now.time - before.time - before.time_scale * elapsed) > _SAME_TIME):
-        raise LateError('the flight was paused, or went on otherwise, while the plan was made; '
-                        'ask again')
+        raise LateError('the flight was paused or released while the plan was made; ask again')

@@ -20,24 +20,25 @@ from ...mission.tracks import MAX_SPEED
 from ...mission.validation import Array
 from ...output.autopilots import rotation, Vector
 
-# s between the positions that give the velocity of a UAV without odometry.
+# Shortest and longest time [s] between two positions that give the velocity of a UAV.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
-_LEAST_SPACING = 0.02  # s between the positions that are kept, so that they are few at any rate.
+_LEAST_SPACING = 0.02  # Least time [s] between kept positions, which limits their number.
 
-# s by which odometry, which has a velocity, may be older than a pose and count before it; less
-# would let the two take turns where both come steadily.
+# Largest time [s] by which odometry, which has a velocity, may be older than a pose and still be
+# preferred. With less, the planner would alternate between the two if both arrive steadily.
 _ODOMETRY_LAG = 1.0
 
-# s after a pose in which no older one replaces it; later, a publisher's clock may have been set
-# back.
+# Time [s] after a pose in which an older pose does not replace it. After this time an older stamp
+# means that the publisher's clock was set back.
 _KEPT_BEFORE_OLDER = 10.0
 
-_LEAST_JUMP = 0.1  # s by which a clock that was set back is earlier than before.
+_LEAST_JUMP = 0.1  # Least time [s] by which a clock goes back when it has been set back.
 
-# Successive poses outside the disc by which an eavesdropper has left it. Of standing ones that
-# were measured with noise at 5 Hz for 300 s, 41% were outside once, 0.5% three times in a row.
+# Number of successive poses outside its disc after which a stationary eavesdropper has left it. Of
+# stationary ones, measured with noise at 5 Hz for 300 s, 41% were outside once and 0.5% three
+# times in a row.
 _OUTSIDE = 3
-_LEAST_COMPARED = 0.1  # s between these.
+_LEAST_COMPARED = 0.1  # Least time [s] between two poses that are compared with a disc.
 
 
 @dataclass(frozen=True)
@@ -47,23 +48,23 @@ class KnownPose:
     frame_id: str
     position: Point  # (x, y) in m
     height: float  # z in m
-    covariance: Array | None  # Of x and y, (2, 2) in m^2.
-    stamp: float  # When it was measured in s, or received if the pose has no stamp.
-    received: float  # s
-    velocity: Point | None = None  # From odometry or the poses of the last second, in m/s.
-    velocity_covariance: Array | None = None  # From a receiver's odometry, (2, 2) in m^2/s^2.
+    covariance: Array | None  # Covariance of x and y, (2, 2) in m^2.
+    stamp: float  # Time of the measurement [s], or of the reception if the pose has no stamp.
+    received: float  # Time of the reception [s].
+    velocity: Point | None = None  # Velocity [m/s] by odometry, or by poses of the last second.
+    velocity_covariance: Array | None = None  # By a receiver's odometry, (2, 2) in m^2/s^2.
 
     @property
     def time(self) -> float:
-        """Time of the measurement in s, but not after the reception."""
+        """Time of the measurement [s], or of the reception if this is earlier."""
         return min(self.stamp, self.received)
 
     def age(self, now: float) -> float:
-        """Age in s at a time in s; PoseBook forgets a pose when the clock is set back."""
+        """Age [s] at a time [s], at least 0."""
         return max(0.0, now - self.time)
 
     def radius(self, name: str, settings: PlannerSettings) -> float:
-        """Error radius of an eavesdropper's estimate in m; by the parameter without covariance."""
+        """Error radius [m] of an eavesdropper's estimate; without covariance, the parameter."""
         if self.covariance is None or not self.covariance.any():
             return settings.eavesdroppers[name].error_radius
         return error_radius(self.covariance, settings.confidence)
@@ -84,11 +85,12 @@ class PoseBook:
     """
     The last valid pose of each topic, and why newer ones were refused.
 
-    All is forgotten when the clock is set back, since no age is known then. `now` is the node's
+    It is cleared when the clock jumps back, because no age is known then. `now` is the node's
     time in s.
 
     :param transform: returns a message in another frame, or raises a PoseError.
-    :param to_mission: converts a position in the local frame of a UAV, by its name, or likewise.
+    :param to_mission: converts a position in the local frame of a UAV, given by its name, to the
+        mission's frame, or raises a PoseError.
     :ivar on_set_back: called when the clock has been set back.
     """
 
@@ -97,14 +99,14 @@ class PoseBook:
         self._transform, self._to_mission = transform, to_mission
         self.on_set_back: Callable[[], None] = lambda: None
         self._poses: dict[str, KnownPose] = {}
-        self._refusals: dict[str, PoseError] = {}  # Since the last valid pose of the topic.
+        self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._discs: dict[str, _Disc] = {}
-        self._latest, self._was_set_back = -math.inf, False  # The clock.
+        self._latest, self._was_set_back = -math.inf, False  # Latest time of the clock [s].
 
     def take(self, topic: str, message: Message, settings: PlannerSettings, now: float) -> str:
         """
-        Parse a pose that has come on a topic, and keep it, unless a newer one has just come.
+        Read a pose from a topic, and keep it unless a newer pose arrived in the last 10 s.
 
         :return: a remark for the user, or an empty string.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
@@ -137,7 +139,7 @@ class PoseBook:
     def _keep(self, topic: str, pose: KnownPose) -> None:
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
-            self._recent.pop(topic, None)  # Places in another frame.
+            self._recent.pop(topic, None)  # Positions in another frame are of no use.
             self._discs.pop(topic, None)
         elif last is not None and pose.time < last.time and (
                 0.0 <= pose.received - last.received < _KEPT_BEFORE_OLDER):
@@ -148,7 +150,7 @@ class PoseBook:
         self._poses[topic] = pose
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
-        """Note a position; return the mean velocity of the last second in m/s, or None."""
+        """Note a position; return the mean velocity of the last second [m/s], or None."""
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
         if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
@@ -175,9 +177,9 @@ class PoseBook:
         disc.is_left = disc.outside >= _OUTSIDE
         if not disc.is_left:
             return ''
-        return (f'{name} has left its disc, it is {distance:.0f} m from where it was at first, '
-                'and counts as standing: rates are promised for a receiver that stays; publish '
-                f'its odometry on {odometry} or set {name}.max_speed')
+        return (f'{name} has left its disc: it moved {distance:.0f} m but is modelled as '
+                'stationary, and rates are promised for a receiver that stays; publish its '
+                f'odometry on {odometry} or set {name}.max_speed')
 
     def get(self, topic: str) -> KnownPose | None:
         """Return the last valid pose of the topic, or None."""
@@ -202,7 +204,7 @@ class PoseBook:
         return odometry if pose.time <= odometry.time + _ODOMETRY_LAG else pose
 
     def check(self, settings: PlannerSettings, now: float) -> None:
-        """Raise an error of the class of the first problem, with the text of all, if any."""
+        """Raise an error with the texts of all problems and the class of the first, if any."""
         if problems := self.problems(settings, now):
             raise type(problems[0])('; '.join(map(str, problems)))
 
@@ -232,7 +234,7 @@ class PoseBook:
         """
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
-        A receiver needs a pose, on the ground; a UAV does not.
+        A receiver must have a pose, with a height of 0. A missing pose of a UAV is no problem.
         """
         is_receiver = topic.partition('/')[0] not in settings.uavs
         frame_id, timeout = settings.frame_id, settings.pose_timeout
@@ -284,7 +286,7 @@ def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiv
         velocity, velocity_covariance = _read_velocity(message, is_receiver)
     if isinstance(message, PoseWithCovarianceStamped) or velocity_covariance is not None:
         covariance = _horizontal_covariance(message.pose.covariance, 'x and y')
-    # Without rclpy's Time, which raises an error for times before 1970.
+    # rclpy's Time is not used, because it raises an error for times before 1970.
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
     place = pose.position
     read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,

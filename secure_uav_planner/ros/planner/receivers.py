@@ -20,7 +20,7 @@ from ...mission.tracks import LEFT_OUT, Track
 from ...plan.splice import move_receivers
 from ...plan.tracking import PlanClock
 
-_SHORTEST_TRACK = 1.0  # s
+_SHORTEST_TRACK = 1.0  # Shortest duration of a predicted track [s].
 
 
 class Receivers(NamedTuple):
@@ -71,13 +71,13 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
             scheduled.add(name)
         else:
             if track is not None:
-                notes[name] = (f'the estimate of {name} counts, and not its track in the mission '
+                notes[name] = (f'using the estimate of {name} instead of its track in the mission '
                                'file')
             radius, speed = (0.0, 0.0) if is_node else (
                 pose.radius(name, settings), settings.eavesdroppers[name].max_speed)
             if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
-                notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has '
-                               'more; that counts')
+                notes[name] = (f'{name} is faster than {name}.max_speed, which is {speed:g} m/s; '
+                               'using the measured speed')
             track = _predict(pose, radius, speed, settings.confidence, until, clock)
             moving.append(track)
             position, radius = (pose.position, radius) if track is None else (LEFT_OUT, LEFT_OUT)
@@ -96,7 +96,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
 
 
 def _horizon(settings: PlannerSettings) -> float:
-    """Return for how long receivers are predicted in s."""
+    """Return the duration for which receivers are predicted [s]."""
     if settings.prediction_horizon:
         return settings.prediction_horizon
     if settings.has_replans:
@@ -124,7 +124,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     if not (any(velocity) or growth):
         return None
     duration, most = max(until - pose.time, _SHORTEST_TRACK), RADIUS.high
-    if growth:  # Beyond, the disc is as large as any; no plan may depend on the difference.
+    if growth:  # The track ends when its disc has the largest radius that a mission allows.
         duration = min(duration, (most - radius) / growth)
     return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * velocity[0],
                   pose.position[1] + age * velocity[1], radius + age * growth)

@@ -19,20 +19,21 @@ from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.tracking import MeasuredState, PlanClock
 
-# Time between a solve and the effect of its plan; at most half of the available time.
+# Time reserved between the end of a solve and the effect of its plan, unless half of the lead is
+# shorter.
 _RESERVE_S = 0.5
-_EFFECT_SLOTS = 1.5  # Number of slots from the lead to the first point that can change, at most.
+_EFFECT_SLOTS = 1.5  # Largest number of slots from the lead to the first point that changes.
 
 
 class Rule(NamedTuple):
     """
     A rule for replans.
 
-    :param reason: why the rest of the mission is planned again.
-    :param is_due: whether it is to be planned again now, for a Replanning, the flight, the
-        settings and the time in s.
-    :param must_meet: where the new plan begins if the UAVs cannot be met where they will be: True
-        for nowhere, which is an error, and False for the plan in flight.
+    :param reason: name of the reason for the replan.
+    :param is_due: function of a Replanning, the flight, the settings and the time [s]; True if a
+        replan is due now.
+    :param must_meet: what happens if no path meets the UAVs at their predicted states: True for an
+        error, False to begin the new plan on the plan in flight.
     """
 
     reason: str
@@ -44,8 +45,8 @@ class Replanned(NamedTuple):
     """
     A remainder that is planned again.
 
-    :param begin: time of the plan in s from which its receivers are the present ones.
-    :param outgoing: its serialized messages by topic.
+    :param begin: time of the plan [s] from which its receivers are the present ones.
+    :param outgoing: the plan's serialized messages by topic.
     """
 
     plan: Plan
@@ -59,10 +60,11 @@ class Remainder(NamedTuple):
     The remainder of a mission, which is to be planned again.
 
     :param rule: the Rule by which it is due.
-    :param flight: of the plan, when the replan became due.
-    :param now: the time of the clock then in s.
-    :param first: the first point of its path that may change.
-    :param updated: its scenario with the present receivers.
+    :param flight: flight of the plan when the replan became due.
+    :param now: time of the clock [s] when the replan became due.
+    :param first: the last point of the plan's path that must be kept.
+    :param states: measured state of each UAV, or None for a UAV that is on its plan.
+    :param updated: scenario of the plan with the present receivers.
     :param receivers: the present receivers, as predicted.
     """
 
@@ -82,12 +84,12 @@ class Remainder(NamedTuple):
 
     @property
     def clock(self) -> PlanClock:
-        """Clock of the plan, for which the receivers are predicted."""
+        """Clock of the plan for which the receivers are predicted."""
         return PlanClock(self.flight.time, self.now, self.flight.time_scale)
 
     @property
     def time_limit(self) -> float:
-        """Time limit of the solve in s."""
+        """Time limit of the solve [s]."""
         lead = self.settings.replan_lead
         return lead - min(_RESERVE_S, lead / 2)
 
@@ -101,7 +103,7 @@ class Remainder(NamedTuple):
             plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
 
     def date(self, plan: Plan) -> Plan:
-        """Return its plan with the promise of its receivers."""
+        """Return the new plan with the promise that its predicted receivers allow."""
         until, clock = self.receivers.promised_until, self.clock
         if until is None:
             return plan
@@ -120,9 +122,9 @@ class Remainder(NamedTuple):
                                self.settings.track_tolerance, self.updated)
 
     def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
-        """Raise an error if its plan comes too late for the flight, or for another flight."""
+        """Raise an error if the new plan comes too late, or if another plan is flown now."""
         if flight is None or flight.playback.plan is not self.plan:
-            raise SupersededError('replan: another plan came in between')
+            raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
         if flight.time + DELIVERY_S * flight.time_scale > rejoin.effect:
             raise LateError('replan: the new plan came after the moment it was to take effect; '
@@ -130,14 +132,14 @@ class Remainder(NamedTuple):
 
 
 class Replanning:
-    """When and why the remainder of the mission is planned again; times in s."""
+    """Decides by RULES when the remainder of the mission is planned again; times are in s."""
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
         self._last_planned = -math.inf
         self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
-        self._has_failed = False  # The last replan that was due, not only useful.
-        self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
+        self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
+        self._counts_from = -math.inf  # Time of the plan from which it has the present receivers.
 
     def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
         """
@@ -154,7 +156,7 @@ class Replanning:
             return None  # The last plan has not begun.
         if self._first_point(flight, settings) >= plan.scenario.slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
-            return None  # The mission ends before; or poses are missing, which the status tells.
+            return None  # The mission ends before the effect, or poses are missing.
         return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)
 
     def is_period_over(self, _: Flight, settings: PlannerSettings, now: float) -> bool:
@@ -163,7 +165,7 @@ class Replanning:
         return period > 0 and not 0 <= now - self._last_planned < period
 
     def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the promise ends before a replan of now can take effect."""
+        """Return True if the promise ends before a replan that begins now can take effect."""
         ahead = (settings.replan_lead + DELIVERY_S) * flight.time_scale + (
             _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
         return not self._must_wait(flight, settings, now) and (
@@ -200,13 +202,17 @@ class Replanning:
         return 0 <= now - self._last_planned < settings.replan_lead
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True within the lead after a failure, or where receivers are predicted."""
+        """
+        Return True if rules with predictions must wait for replan_lead after the last plan.
+
+        They wait after a failed replan, and if receivers are predicted.
+        """
         return self._is_recent(settings, now) and (
             self._has_failed or flight.playback.plan.scenario.has_tracks)
 
     def take_remainder(self, rule: Rule, settings: PlannerSettings, now: float) -> Remainder:
         """
-        Return the remainder of the mission by a rule; its time counts for the rules.
+        Return the remainder of the mission, due by a rule, and note its time for the rules.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
@@ -220,13 +226,13 @@ class Replanning:
                          settings)
 
     def is_settled(self, settings: PlannerSettings, now: float) -> bool:
-        """Return True if all UAVs are on their plan, and the last replan was a lead ago."""
+        """Return True if all UAVs are on their plan, and the last plan is older than the lead."""
         return not self._is_recent(settings, now) and all(
             distance <= settings.track_tolerance
             for distance in self._tracking.distances(settings, now).values())
 
     def note_plan(self, now: float, counts_from: float = -math.inf) -> None:
-        """Note a new plan, in which the present receivers count from a time of the plan on."""
+        """Note a new plan, which has the present receivers from a time `counts_from` on."""
         self._last_planned, self._has_failed, self._counts_from = now, False, counts_from
 
     def note_failure(self, rule: Rule) -> None:
@@ -239,13 +245,13 @@ class Replanning:
             name for name, uav in settings.uavs.items() if uav.use_pose)
 
     def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
-        """Return the first point of a flight that a replan of now may change."""
+        """Return the last point of a flight that a replan begun now must keep."""
         return find_first_point(flight.playback.plan.scenario,
                                 flight.time + settings.replan_lead * flight.time_scale)
 
     def _update(self, flight: Flight, settings: PlannerSettings, now: float
                 ) -> tuple[Scenario, Receivers]:
-        """Return the scenario of a flight with the present receivers, and these."""
+        """Return the scenario of a flight with the present receivers, and the Receivers."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),
             flight.playback.duration)
@@ -259,4 +265,4 @@ RULES = (
     Rule('release', Replanning.is_uav_released),
     Rule('deviation', Replanning.is_uav_off, must_meet=True),
 )
-"""The rules for replans; the first that is due counts."""
+"""The rules for replans, in order: the first rule that is due gives the reason."""

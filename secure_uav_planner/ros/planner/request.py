@@ -58,10 +58,11 @@ class StartTime:
     """
     The start of the plan of a request.
 
-    :param asked_ns: time of the request in ns.
-    :param delay: s from the request to point 0; 0 for a plan that begins once it is solved.
-    :param lead_in: s from the first setpoint to point 0: half a slot with a limit of
-        acceleration, because UAVs leave their starts then.
+    :param asked_ns: time of the request [ns].
+    :param delay: delay of point 0 after the request [s]; 0 for a plan that begins once it is
+        solved.
+    :param lead_in: time [s] from the first setpoint to point 0. With a limit of acceleration it is
+        half a slot, because UAVs leave their starts then.
     """
 
     asked_ns: int
@@ -81,19 +82,20 @@ class StartTime:
 
     @property
     def ahead(self) -> float:
-        """Time in s from the request to the first setpoint of the plan."""
+        """Time [s] from the request to the first setpoint of the plan."""
         return max(0.0, self.delay - self.lead_in)
 
     @property
     def effect_ns(self) -> int:
-        """Time of the first setpoint of the plan in ns."""
+        """Time of the first setpoint of the plan [ns]."""
         return self.asked_ns + round(self.ahead * 1e9)
 
     def time_limit(self, limit: float | None, until: float = math.inf) -> float | None:
         """
-        Return the parameter's time limit in s, shortened to the time until the effect.
+        Return the time limit of the solve [s], shortened to the time until the plan's effect.
 
-        :param until: time in s after which the plan may not come in any case.
+        :param limit: value of the parameter time_limit [s], or None.
+        :param until: time [s] after the request by which the plan must come in any case.
         """
         ahead = min(self.ahead if self.delay else math.inf, until)
         if math.isinf(ahead):
@@ -113,7 +115,7 @@ class StartTime:
             'start_delay, and in flight a longer replan_lead')
 
     def point_0_ns(self, now_ns: int) -> int:
-        """Return the time in ns of point 0 of a plan that is solved now."""
+        """Return the time of point 0 [ns] of a plan that is solved at a time now_ns."""
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
@@ -129,10 +131,10 @@ class Request:
     """
     A new mission, which is to be planned.
 
-    :param start: the StartTime of its plan.
-    :param clock: of its plan, for which its receivers are predicted.
-    :param receivers: its Receivers.
-    :param settings: of the planner when the request came.
+    :param start: the StartTime of the mission's plan.
+    :param clock: clock of the plan for which the receivers are predicted.
+    :param receivers: Receivers of the mission.
+    :param settings: settings of the planner when the request came.
     :param flight: the Flight that the mission continues, or None.
     :param solved: the plan of a mission that is solved; only its receivers are predicted again.
     """
@@ -177,7 +179,7 @@ class Request:
             f'; it goes on from plan {flight.playback.plan.identity}, which is {flight.state}')
 
     def date(self, plan: Plan, now_ns: int) -> Plan:
-        """Return its plan, solved now, with its start and with the receivers at that time."""
+        """Return the solved plan with its start time and with the receivers at that time."""
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
         if until is None or self.start.delay:
             return replace(plan, start_ns=start_ns, promised_until=until)

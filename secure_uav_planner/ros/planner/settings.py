@@ -19,9 +19,10 @@ from ...mission.tracks import Track
 @dataclass(frozen=True)
 class UavSettings(VehicleSettings):
     """
-    A UAV, and where the planner takes its place from.
+    The parameters of a UAV.
 
-    :ivar mission: the Uav as its parameters say.
+    :ivar mission: the Uav that the parameters describe.
+    :ivar use_pose: whether a new mission begins where the UAV is measured.
     """
 
     mission: Uav
@@ -30,7 +31,7 @@ class UavSettings(VehicleSettings):
 
 @dataclass(frozen=True)
 class GroundNodeSettings:
-    """A ground node, but its place."""
+    """The parameters of a ground node, whose place comes from poses or a track."""
 
     weight: float
     trusted: bool
@@ -38,7 +39,11 @@ class GroundNodeSettings:
 
 @dataclass(frozen=True)
 class EavesdropperSettings:
-    """An eavesdropper, but its place; `error_radius` counts without a covariance."""
+    """
+    The parameters of an eavesdropper, whose place comes from poses or a track.
+
+    :ivar error_radius: radius of its disc [m] for poses without a covariance.
+    """
 
     error_radius: float
     max_speed: float

@@ -16,7 +16,7 @@ from ...optimize import solve
 from ...plan.plan import Iteration, Plan
 from ...plan.results import Bound
 
-_PROGRESS_PERIOD = 0.1  # s
+_PROGRESS_PERIOD = 0.1  # Least time [s] between two calls of on_progress.
 
 
 @dataclass(eq=False)
@@ -24,11 +24,11 @@ class Job:
     """
     A solve, or the proof of a bound.
 
-    :param on_progress: called from time to time while it solves.
-    :param cancelled: the text of its error after a cancel.
-    :param is_solve: otherwise it is the proof of a bound.
-    :ivar stop: set when its result is no longer wanted.
-    :ivar progress: the last iteration of a solve.
+    :param on_progress: called from time to time during a solve.
+    :param cancelled: text of the job's error after a cancel.
+    :param is_solve: True for a solve, False for the proof of a bound.
+    :ivar stop: set when the result of the job is no longer wanted.
+    :ivar progress: the last Iteration of a solve.
     """
 
     on_progress: Callable[[], object]
@@ -36,7 +36,7 @@ class Job:
     is_solve: bool
     stop: threading.Event = field(default_factory=threading.Event)
     progress: Iteration | None = None
-    _posted: float = 0.0  # s
+    _posted: float = 0.0  # Time [s] of the last call of on_progress, by time.monotonic.
 
     def raise_if_cancelled(self) -> None:
         """Raise a StoppedError if the result is no longer wanted."""
@@ -48,7 +48,7 @@ class Job:
         """
         Solve a mission by the method and for the objective of the parameters.
 
-        :param bits: in bit/Hz, which the shortest flight is to deliver; 0 keeps the duration.
+        :param bits: amount [bit/Hz] that the shortest flight is to deliver; 0 keeps the duration.
         """
         def on_iteration(iteration: Iteration) -> bool:
             self.progress, now = iteration, time.monotonic()
@@ -128,7 +128,7 @@ class SolverThread:
 
         def finish(future: 'Future[Any]') -> None:
             def result() -> Any:
-                job.raise_if_cancelled()  # It may have been cancelled after its work.
+                job.raise_if_cancelled()  # A cancel may come after the work and before this.
                 return future.result()
 
             if job is self.job:
@@ -139,7 +139,7 @@ class SolverThread:
             lambda future: self._post(partial(finish, future)))
 
     def run(self, work: Callable[[], Any]) -> 'Future[Any]':
-        """Run a function in the solver's thread, after the jobs before."""
+        """Run a function in the solver's thread, after all earlier jobs."""
         self._last = self._pool.submit(work)
         return self._last
 
@@ -150,7 +150,7 @@ class SolverThread:
             self.job = None
 
     def close(self, timeout: float) -> bool:
-        """Stop for good; return True if the thread has ended within the timeout in s."""
+        """Stop for good; return True if the thread has ended within the timeout [s]."""
         self.stop()
         self._pool.shutdown(wait=False)
         return not wait([self._last], timeout).not_done

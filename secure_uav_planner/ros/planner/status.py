@@ -17,8 +17,8 @@ from ...plan.plan import Iteration, Plan
 from ...plan.promise import rate_text
 from ...plan.results import Bound
 
-_LONGEST_REASON = 4000
-_MOST_WARNINGS = 5  # About a subject, until it is cleared.
+_LONGEST_REASON = 4000  # Largest number of characters of a refusal's reason.
+_MOST_WARNINGS = 5  # Largest number of warnings about a subject until it is cleared.
 
 
 class RequestOutcome(NamedTuple):
@@ -51,7 +51,7 @@ class State:
             return self.refusal
         if plan is None:
             return RequestOutcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
-        # A replan has a short deadline, at which it is no worse than the plan before.
+        # A replan that reaches its short time limit is good: it is no worse than the last plan.
         is_done = plan.status == 'converged' or self.is_replan and plan.status == 'time_limit'
         good = is_done and not plan.clearance.is_close and plan.promise.slots
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
@@ -81,12 +81,12 @@ class State:
         self.is_replan = is_replan
 
     def forget_replan(self) -> None:
-        """Forget the refusal of a replan that is due no more."""
+        """Forget the refusal of a replan that is no longer due."""
         if self.refusal is not None and self.refusal.is_replan:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """Note and return the refusal of a new plan; its text tells if the last plan stands."""
+        """Note and return the refusal of a new plan; the text says if the last plan stays."""
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'
@@ -150,14 +150,14 @@ class WarningLog:
         self._log, self._logged = log, defaultdict[str, set[str]](set)
 
     def warn(self, subject: str, text: str) -> None:
-        """Log a warning, unless it has been."""
+        """Log a warning, unless it was logged or too many were logged since the last clear."""
         logged = self._logged[subject]
         if text not in logged and len(logged) < _MOST_WARNINGS:
             logged.add(text)
             self._log.warning(text)
 
     def clear(self, subject: str) -> None:
-        """Log warnings about a subject again."""
+        """Forget the warnings about a subject, so that they are logged again."""
         self._logged[subject].clear()
 
 
@@ -188,7 +188,7 @@ def make_status(state: State, progress: Iteration | None, is_solving: bool,
 
 
 def plan_status(plan: Plan, bound: Bound | None, now: float) -> PlanStatus:
-    """Return what the status says of a plan at a time of the clock in s."""
+    """Return the part of the status about a plan, at a time of the clock [s]."""
     promise, clearance, start_ns = plan.promise, plan.clearance, plan.start_ns or 0
     until, last = plan.promised_until, float(plan.times[-1])
     return PlanStatus(

@@ -1,4 +1,4 @@
-"""Guard of the setpoints for an autopilot, so that none of them jumps."""
+"""Guard of the setpoints for an autopilot: refuses setpoints that jump."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,13 +11,13 @@ from ...output.autopilots import Setpoint, Vector
 
 _HOLD_DELAY = 0.25
 """
-Time in s without a setpoint after which the last place is held.
+Time [s] without a setpoint after which the last position is held.
 
 Setpoints at 20 to 30 Hz came at most 0.16 s late on a machine with ten times its load; PX4 needs
 them at more than 2 Hz.
 """
 
-_ROUNDING = 0.01  # m/s^2
+_ROUNDING = 0.01  # Tolerance of an acceleration [m/s^2].
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,15 @@ class Limits:
     """
     The limits of a stream of setpoints.
 
-    :param max_speed: of the UAV in m/s.
-    :param max_acceleration: of the UAV in m/s^2; 0 for what max_jump allows.
-    :param max_jump: m by which a setpoint may be farther from the last than that, or lead farther
-        until the last place is held.
-    :param start_tolerance: m from the vehicle to the first setpoint of a stream; 0 if that may be
-        anywhere.
-    :param timeout: age of a setpoint in s, and time without one, beyond which a stream has ended.
+    :param max_speed: largest speed of the UAV [m/s].
+    :param max_acceleration: largest acceleration of the UAV [m/s^2]; 0 to derive it from max_jump.
+    :param max_jump: distance [m] between setpoints that is allowed beyond max_speed times the
+        elapsed time. A setpoint's velocity and acceleration may not lead farther than max_jump
+        beyond the same limit until its position is held.
+    :param start_tolerance: largest distance [m] from the vehicle to the first setpoint of a
+        stream; 0 for no check.
+    :param timeout: largest age [s] of a setpoint, and time [s] without a setpoint after which the
+        stream has ended.
     """
 
     max_speed: float
@@ -53,11 +55,11 @@ class StreamState(Enum):
 
 class Stream(NamedTuple):
     """
-    What becomes of the setpoints of a UAV.
+    What the guard does with the setpoints of a UAV.
 
-    :param state: 'passing', 'holding' the last place, 'refused' before any has passed, or
-        'silent'.
-    :param reason: of a stream that is held or refused, with the numbers.
+    :param state: 'passing'; 'holding' the last position; 'refused' before any setpoint has passed;
+        or 'silent', without setpoints.
+    :param reason: why the stream is held or refused, with numbers and limits.
     """
 
     state: str
@@ -65,34 +67,38 @@ class Stream(NamedTuple):
 
 
 class Guard:
-    """Passes the setpoints of one UAV unless they jump, and holds the last place; times in ns."""
+    """
+    Passes the setpoints of one UAV unless they jump, and holds the last position.
+
+    Its times are in ns of the node's clock.
+    """
 
     def __init__(self) -> None:
-        self._last: Setpoint | None = None  # That has passed, with the time of its arrival.
-        self._last_passed = 0
-        self._last_arrived = 0  # The last setpoint with a present stamp, passed or not.
-        self._refusal = '', 0  # Of the last setpoint that was refused, and its arrival.
-        self._vehicle: tuple[Vector, int] | None = None  # Its position, and the time of that.
-        self._has_moved = False  # The frame, since a setpoint has passed.
+        self._last: Setpoint | None = None  # The last setpoint that has passed.
+        self._last_passed = 0  # Arrival of the last setpoint that has passed.
+        self._last_arrived = 0  # Arrival of the last setpoint with a fresh stamp, passed or not.
+        self._refusal = '', 0  # Reason and arrival of the last refused setpoint.
+        self._vehicle: tuple[Vector, int] | None = None  # Measured position, and its arrival.
+        self._has_moved = False  # Whether the frame has moved since a setpoint has passed.
 
     def note_position(self, place: Vector, now: int) -> None:
-        """Note the position of the vehicle, in the frame of the setpoints."""
+        """Note the measured position of the vehicle, in the frame of the setpoints."""
         self._vehicle = place, now
 
     def change_frame(self, convert: Callable[[Vector], Vector]) -> None:
         """
-        Go on in another frame of the vehicle, from the same last place.
+        Continue in another frame of the vehicle: convert the last setpoint to it.
 
-        The next setpoint must be where the vehicle is by then, if that is checked at all.
+        With a start_tolerance, the next setpoint must be near the vehicle, as at a start.
 
-        :param convert: converts a position in the frame until now.
+        :param convert: converts a position from the old frame to the new one.
         """
         self._vehicle, self._has_moved = None, True
         if self._last is not None:
             self._last = replace(self._last, position=convert(self._last.position))
 
     def note_arrival(self, now: int) -> None:
-        """Note that a setpoint has come that cannot be converted; the last place is held."""
+        """Note that a setpoint came that cannot be converted, so that the stream has not ended."""
         self._last_arrived = now
 
     def note_refusal(self, reason: str, now: int) -> None:
@@ -110,7 +116,7 @@ class Guard:
         return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
 
     def stream(self, now: int, limits: Limits) -> Stream:
-        """Return what becomes of the setpoints at present."""
+        """Return the present state of the stream."""
         reason, refused = self._refusal
         is_refused = reason and _within(refused, now, limits.timeout)
         if self._last is None:
@@ -121,7 +127,7 @@ class Guard:
                       'no setpoint comes')
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
-        """Note a setpoint, or raise an OptionError with the reason to refuse it."""
+        """Keep a setpoint as the last one, or raise an OptionError with the reason why not."""
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
@@ -134,7 +140,7 @@ class Guard:
         problem = '' if is_first else _explain_jump(self._last, setpoint, limits)
         if limits.start_tolerance and (problem or must_begin):
             distant = self._explain_start(setpoint, now, limits)
-            # At the vehicle, another stream may begin.
+            # A setpoint near the vehicle may start a new stream.
             problem = distant and (distant if must_begin else problem)
         if problem:
             raise OptionError(problem)
@@ -150,7 +156,7 @@ class Guard:
             f'{limits.start_tolerance:g} m')
 
     def hold(self, now: int) -> Setpoint | None:
-        """Return the last setpoint without motion, if none has passed for a moment."""
+        """Return the last setpoint at rest if none has passed for _HOLD_DELAY, or None."""
         if self._last is None or _within(self._last_passed, now, _HOLD_DELAY):
             return None
         return self._last.hold()
@@ -173,7 +179,7 @@ def _within(then: int, now: int, seconds: float) -> bool:
 
 def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
     """Raise an OptionError for a velocity or an acceleration beyond the limits."""
-    # Until the place is held, neither must lead farther than a jump.
+    # An autopilot follows both until the position is held, and must not go farther than a jump.
     speed = math.hypot(*setpoint.velocity or ())
     most = limits.max_speed + limits.max_jump / _HOLD_DELAY
     if speed > most:

@@ -33,7 +33,7 @@ from ...plan.tracking import PUNCTUAL
 
 _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s
-# Least frequency of plan_time [Hz]; after 1 s without, a follower counts as silent.
+# Least frequency of plan_time [Hz]; after 1 s without it a follower is silent.
 _TIME_FREQUENCY = 5.0
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
@@ -81,9 +81,9 @@ class Release:
     unmet: list[str] = field(default_factory=list)
 
     def update(self, unmet: list[str]) -> str:
-        """Take the conditions now; return what it waits for if they are of another kind."""
+        """Take the present conditions; return them in words if they are of other kinds."""
         before, self.unmet = self.unmet, unmet
-        # A condition is told without its distance.
+        # Conditions are compared without their distances.
         kinds = [[condition.partition(',')[0] for condition in some] for some in (before, unmet)]
         return f'waiting for {", ".join(unmet)}' if unmet and kinds[0] != kinds[1] else ''
 
@@ -98,7 +98,7 @@ class Replay(WorkingNode):
         self._frame_id = self._settings.frame_id
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
-        self._is_promised = True  # Whether the slot of the last setpoint is.
+        self._is_promised = True  # Whether the slot of the last setpoint is promised.
         self._ticked = time.monotonic()
         self._release = Release(0)  # The last one.
         self._vehicles = Vehicles()
@@ -183,13 +183,13 @@ class Replay(WorkingNode):
             self._warnings.warn('plan', self._refusal)
 
     def _adopt(self, plan: Plan, frame_id: str) -> None:
-        """Give a plan to the player, and release it by `autostart`."""
+        """Give a plan to the player, and release it if `autostart` is set and it is in time."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
         if self._player.load(plan):
             self._frame_id = frame_id
-            # A revision of the same flight goes on, or stays paused, as that does.
+            # A revision of the present flight keeps its state, playing or paused.
             autostarts = self._settings.autostart and (
                 before is None or before.plan.start_ns != plan.start_ns)
             is_late = not self._settings.plan_file and (
@@ -290,7 +290,7 @@ class Replay(WorkingNode):
             self._announce_end()
 
     def _is_silent(self, now_ns: int) -> bool:
-        """Return True where no power may be sent, and log when that is for other UAVs."""
+        """Return True if UAVs are off their plan, so that no power is sent; log changes."""
         player, lost = self._player, dict[str, str]()
         for problem in self._vehicles.relays.find_newly_lost():
             if player.streaming:
