@@ -87,7 +87,8 @@ class FlownCase:
     def __init__(self, client, stack, case, file):
         self._client, self._stack, self._case, self._file = client, stack, case, file
         self.plans, self.records, self.statuses = [], [], []  # Plans with their arrival.
-        self._shift, self._rng, self._lines = 0.0, np.random.default_rng(1), 0
+        self._shifts = [0.0]  # By which the clock has jumped in all, in s, after each jump.
+        self._rng, self._lines = np.random.default_rng(1), 0
         self._is_unpromised, self._filter, self._sent = False, None, 0.0
         node = client.node
         node.create_subscription(String, 'plan', self._take_plan, DEEP)
@@ -119,10 +120,11 @@ class FlownCase:
 
     def observe(self, now):
         """Measure the car, and report."""
-        car = now - self._shift
+        car = now - self._shifts[-1]
         while self._sent + self._case.period <= car:
             self._sent = max(self._sent + self._case.period, car - self._case.period)
-            (place, velocity), stamp = self.car_at(self._sent), stamp_at(self._sent + self._shift)
+            (place, velocity), stamp = self.car_at(self._sent), stamp_at(
+                self._sent + self._shifts[-1])
             noise = self._rng.standard_normal((2, 2))
             if self._case.is_filtered:
                 measured = place + NOISE[0] * noise[0]
@@ -152,8 +154,11 @@ class FlownCase:
                 self._is_unpromised = False
         clock, (identity, _) = seconds(message.header.stamp), read_plan_time(message)
         at = message.time_ref.sec * 10**9 + message.time_ref.nanosec
-        self.records.append(Record(clock, clock - self._shift, identity, at, time.monotonic(),
-                                   self._is_unpromised))
+        # A report from before a jump may come after it.
+        present = self.simulation.now - self._shifts[-1]
+        car = min((clock - shift for shift in self._shifts), key=lambda car: abs(car - present))
+        self.records.append(Record(
+            clock, car, identity, at, time.monotonic(), self._is_unpromised))
 
     # What happens
 
@@ -183,7 +188,7 @@ class FlownCase:
         self._jump(-3.0)
 
     def _jump(self, change):
-        self._shift += change
+        self._shifts.append(self._shifts[-1] + change)
         self.simulation.jump(self.simulation.now + change)
 
     def fly(self):
@@ -201,7 +206,7 @@ class FlownCase:
             if not events or events[0][0] != 'start':
                 self.start()
             while not self._has_ended():
-                if events and self.simulation.now - self._shift >= origin + events[0][1]:
+                if events and self.simulation.now - self._shifts[-1] >= origin + events[0][1]:
                     getattr(self, events.pop(0)[0])()
                 time.sleep(0.01)
             time.sleep(1.0)
