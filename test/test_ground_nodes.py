@@ -14,9 +14,12 @@ from secure_uav_planner import (
 from secure_uav_planner.assessment.world import World
 from secure_uav_planner.model.channel import guaranteed_node_rates, worst_case_node_rates
 from secure_uav_planner.model.channel.rates import find_least_rate
+from secure_uav_planner.model.channel.shares import find_shares
 from secure_uav_planner.model.problem import Problem
+from secure_uav_planner.optimize.joint import visit_search
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
+from secure_uav_planner.optimize.joint.starts import limit_powers
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 
@@ -126,6 +129,34 @@ def test_plans_for_random_missions_are_nearly_as_good_as_the_best_known(number):
     assert first.guaranteed_rate >= 0.95 * guaranteed
     plan = solve(scenario)
     assert plan.worst_case_rate >= max(0.95 * worst_case, (1 - 1e-6) * first.worst_case_rate)
+
+
+def test_estimates_of_visits_are_close_bounds_of_what_shares_can_give():
+    rng, ratios = np.random.default_rng(0), []
+    for nodes in (2, 3, 4, 5, 6) * 8:
+        rates = np.maximum(rng.normal(size=(nodes, 24)), 1e-3)
+        rates *= 10.0**rng.uniform(-2, 0, (nodes, 1))
+        shares = find_shares(make_mission([(50 * node, 0) for node in range(nodes)]), rates)
+        best = (shares * rates).mean(axis=1).min()
+        ratios.append(visit_search._bound_least_rates(rates[None])[0] / best)
+    assert min(ratios) > 1 - 1e-6
+    assert np.median(ratios) < 1.1
+
+
+def test_changes_of_visits_keep_every_node_and_raise_the_estimates(monkeypatch):
+    scenario = make_mission(LAYOUTS['C'], slots=24)
+    grid, rng = Problem(scenario).grid, np.random.default_rng(0)
+    powers = limit_powers(scenario)
+    visits = visit_search.draw_visits(scenario, [2, 0, 1], 6, powers[:, 0], rng)
+    for _ in range(50):
+        visits = visit_search._change(scenario, visits, visits, rng)
+    np.testing.assert_array_equal(np.sort(visits.nodes, axis=1), [[0, 1, 2]] * 6)
+    np.testing.assert_allclose(visits.ends[:, -1], 1.0)
+    monkeypatch.setattr(visit_search, 'CHANGES', 0)
+    drawn = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]
+    monkeypatch.undo()
+    changed = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]
+    assert (changed > 1.02 * drawn).all()
 
 
 def test_weights_divide_the_rates_also_against_the_worst_case():

@@ -187,12 +187,14 @@ class SolverDriver:
         return self._take_steps(solver, mu, steps, try_every=TRY_EVERY)
 
     def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array,
-                            prices: float | Array = FIRST_PRICE) -> InteriorPointSolver:
+                            prices: float | Array = FIRST_PRICE,
+                            scale: float = 1.0) -> InteriorPointSolver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
         :param mu: barrier parameter on the coarse grid, of all starts or of each, (S,).
         :param prices: prices of energies on the coarse grid, of all or of each, (S, U).
+        :param scale: scale of the barrier parameters of grids in between and of the least one.
         """
         prices = np.full((len(x), len(coarse.fixed)), 1.0) * prices
         full = self.grid.slots
@@ -200,7 +202,7 @@ class SolverDriver:
         while grid.slots < full:
             if grid is not coarse:
                 middle = self.build_solver(grid, x, mu, prices)
-                self.descend(middle, _MIDDLE_MU)
+                self.descend(middle, scale * _MIDDLE_MU)
                 x, mu, prices = middle.x, middle.mu, middle.prices
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
@@ -211,7 +213,7 @@ class SolverDriver:
             grid, mu, prices = finer, mu[inside], prices[inside]
             x = np.array([start for start in refined if start is not None])
             if grid.scenario.limits_acceleration or not grid.airspace.is_open:
-                mu = np.maximum(mu, REFINED_MU)
+                mu = np.maximum(mu, scale * REFINED_MU)
         return self.build_solver(grid, x, mu, prices)
 
     def _take_steps(self, solver: Solver, mu: float, steps: int, at_once: int = 1,

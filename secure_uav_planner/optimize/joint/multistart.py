@@ -1,12 +1,11 @@
 """
-Multistart: Newton steps from random starts on a coarse grid, of which the best are finished.
+Multistart: Newton steps from random starts on a coarse grid; the best starts are finished.
 
-The best starts are polished on the coarse grid from further inside, where steps lead past the
-nearest optimum. With several ground nodes they hop as well: from smoothly moved flights, steps
-lead to other optima. The best few are finished on the full grid, and the best plan is polished
-there.
-Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun; where
-not, fly-hover-fly with the best powers is tried as well.
+Many starts are ranked after a few steps, and only the best take further ones. The best are
+polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
+A few starts are finished on the full grid, and the best plan is polished there.
+Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
+Otherwise fly-hover-fly with the best powers is tried, too.
 
 Power control on a fixed trajectory starts from several levels of jamming, in which its local
 optima differ.
@@ -15,7 +14,8 @@ optima differ.
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import TypeAlias
+import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,28 +30,49 @@ from ...mission.scenario import Array
 from ...model.grid import Grid
 from ...plan.plan import Status
 
-STEPS = 37  # Newton steps from each start on the coarse grid.
+STEPS = 37  # Newton steps from each of the first starts on the coarse grid.
 DISTINCT = 2e-4  # Relative difference in rate between distinct optima.
 AGREED = 0.7  # Share of the first starts in the best optimum that ends the multistart.
-GAP = 0.1  # Relative distance below the best rate beyond which starts are pruned.
-POLISHED = 12  # The most starts that are polished,
-POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
-POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
+GAP = 0.1  # Relative distance below the best rate within which starts are finished.
+POLISHED = 12  # The most starts that are polished.
+POLISH_MUS = (0.05, 0.01)  # Barrier parameters that polishes begin with, in shares of the rate.
 CLOSE = 0.02  # Share, or units of rates, below the best up to which fly-hover-fly is finished.
-NODES_GAP = 0.5  # GAP with several ground nodes, whose starts are farther from the best,
-NODES_STEPS = 25  # and the Newton steps of each polish and hop.
-HOPS = (8, 8, 8, 4, 4, 4)  # Starts that are kept for each round of hops, max(HOPS) in all.
-FINISHED = 2  # The most starts that are finished on the full grid.
-_LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming for power control, in shares of limit_powers.
-_LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
-_LEVEL_MU = 0.03  # with this barrier parameter to begin with,
-_LEVEL_SHARE = 0.01  # and the share by which powers are moved into the interior.
+LOWERED = 0.3  # Ratio of the last barrier parameter and the least first one; several nodes only.
+HOPS = (8, 4)  # Starts that are kept for each round of hops.
+HOPS_AT_ONCE = 8  # Hops in a round.
+NODES_MU = 0.003  # First barrier parameter on the full grid with several nodes, in rates.
 
-_ELEVATION_OFFSETS = (8.0, 4.0, 2.0)  # Degrees by which gains rise early, from the coarse grid on,
-_OFFSET_STEPS = 25  # and the most Newton steps with each on the full grid,
-_OFFSET_MU = 1e-4  # down to this barrier parameter.
 
-_FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part that the method can do without.
+class Search(NamedTuple):
+    """
+    How starts are searched on the coarse grid.
+
+    :param ranking: pairs of a share of the starts, the best, and a number of Newton steps that
+        they take; each pair follows on the one before.
+    :param gap: relative distance below the best rate within which starts are polished.
+    :param polish_steps: Newton steps of each polish, and of each hop.
+    :param finished: the most starts that are finished on the full grid.
+    """
+
+    ranking: tuple[tuple[float, int], ...]
+    gap: float
+    polish_steps: int
+    finished: int
+
+
+FEW_UAVS = Search(((1.0, STEPS),), GAP, polish_steps=15, finished=2)
+SEVERAL_NODES = Search(((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polish_steps=25, finished=3)
+
+_LEVELS = (1.0, 0.1, 0.01, 0.001)  # Jamming levels of power control, in shares of limit_powers.
+_LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid.
+_LEVEL_MU = 0.03  # Barrier parameter to begin with at each level.
+_LEVEL_SHARE = 0.01  # Share by which powers are moved into the interior at each level.
+
+_ELEVATION_OFFSETS = (8.0, 4.0, 2.0)  # Elevations added to links early in the search [degrees].
+_OFFSET_STEPS = 25  # The most Newton steps with each elevation offset on the full grid.
+_OFFSET_MU = 1e-4  # Barrier parameter that ends the steps with an elevation offset.
+
+_FAILURES = NumericalError, np.linalg.LinAlgError  # Errors that end a part of the search only.
 _Starts: TypeAlias = tuple[Array, Array]
 
 
@@ -67,24 +88,30 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     counts_sights = incumbent.scenario.channel.counts_sights
     driver.elevation_offset = _ELEVATION_OFFSETS[0] if counts_sights else 0.0
     grid, first, batches = _generate_coarse_starts(driver)
-    x, rates = _advance(driver, grid, *first, STEPS)
+    is_single = len(incumbent.scenario.ground_nodes) == 1
+    search = FEW_UAVS if is_single else SEVERAL_NODES
+    x, rates = _advance(driver, grid, *first, ((1.0, STEPS),))
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
               and (counts_sights
                    or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate / grid.rate + CLOSE)))
     if not agreed:
         with suppress(*_FAILURES):
-            more_x, more_rates = _advance(driver, grid, *next(batches), STEPS)
-            x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        if len(incumbent.scenario.ground_nodes) == 1:
-            near = select_best(rates, GAP, POLISHED)
-            x, rates = _polish(driver, grid, x[near], rates[near], POLISH_STEPS)
-        else:
-            near = select_best(rates, NODES_GAP, POLISHED)
-            x, rates = _polish(driver, grid, x[near], rates[near], NODES_STEPS)
-            x, rates = _hop(driver, grid, x, rates)
+            for more_x, mu in batches:
+                more_x, more_rates = _advance(driver, grid, more_x, mu, search.ranking)
+                x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
+        near = select_best(rates, search.gap, POLISHED)
+        x, rates = _polish(driver, grid, x[near], rates[near], search)
+        if not is_single:
+            x, rates = _hop(driver, grid, x, rates, search)
         driver.optima = Optima(grid, x[select_best(rates, GAP, POLISHED)])
-    near = select_best(rates, GAP, 1 if agreed else FINISHED)
-    fine = _reduce_elevation_offset(driver, driver.refine_to_full_grid(grid, x[near], COARSE_MU))
+    near = select_best(rates, GAP, 1 if agreed else search.finished)
+    if is_single:
+        fine = driver.refine_to_full_grid(grid, x[near], COARSE_MU)
+    else:
+        fine = driver.refine_to_full_grid(
+            grid, x[near], np.minimum(NODES_MU * rates[near], COARSE_MU),
+            scale=min(rates.max(), 1.0))
+    fine = _reduce_elevation_offset(driver, fine)
     status = driver.finish(fine)
     if not agreed:
         _try_baseline(baseline, incumbent)
@@ -98,7 +125,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
 
 def _reduce_elevation_offset(driver: SolverDriver,
                              solver: InteriorPointSolver) -> InteriorPointSolver:
-    """Return a solver without elevation offset, after steps with ever less of it."""
+    """Return a solver without elevation offset, after steps with smaller and smaller offsets."""
     for offset in (*_ELEVATION_OFFSETS[1:], 0.0) if driver.elevation_offset else ():
         driver.descend(solver, _OFFSET_MU, _OFFSET_STEPS)
         driver.elevation_offset = offset
@@ -152,37 +179,45 @@ def _generate_coarse_starts(driver: SolverDriver) -> tuple[Grid, _Starts, Iterat
 
 
 def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
-             steps: int) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,)."""
+             ranking: tuple[tuple[float, int], ...]) -> tuple[Array, Array]:
+    """
+    Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,).
+
+    :param ranking: shares of the starts that take steps, and how many; see Search.
+    """
+    least = LOWERED * mu.min() if len(grid.scenario.ground_nodes) > 1 else mu.min()
     solver = driver.build_solver(grid, x, mu)
-    driver.advance(solver, steps, min(mu.min(), COARSE_MU))
+    for share, steps in ranking:
+        if share < 1:
+            best = np.argsort(-solver.rates(), kind='stable')[:math.ceil(share * len(x))]
+            solver = driver.build_solver(grid, solver.x[best], solver.mu[best])
+        driver.advance(solver, steps, min(least, COARSE_MU))
     driver.try_best(solver)
     return solver.x, solver.rates()
 
 
 def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
-            steps: int) -> tuple[Array, Array]:
+            search: Search) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
     with suppress(*_FAILURES):
         for share in POLISH_MUS:
             mu = np.maximum(share * rates, FINAL_MU)
-            new_x, new_rates = _advance(driver, grid, x, mu, steps)
+            new_x, new_rates = _advance(driver, grid, x, mu, ((1.0, search.polish_steps),))
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
     return x, rates
 
 
-def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
-    """Return the best starts (S, N, U, 3) and their rates, (S,), after hops that raise a rate."""
+def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
+         search: Search) -> tuple[Array, Array]:
+    """Return starts (S, N, U, 3) and their rates, (S,), after hops where those raise a rate."""
     rng = np.random.default_rng(6)
     with suppress(*_FAILURES):
         for kept in HOPS:
-            best = select_best(rates, NODES_GAP, kept)
-            x, rates = x[best], rates[best]
-            number = np.arange(max(HOPS)) % len(best)
+            number = np.resize(select_best(rates, search.gap, kept), HOPS_AT_ONCE)
             hopped, tried, mu = generate_hops(
                 grid, x[number], rates[number], rng, driver.raise_if_over)
-            new_x, new_rates = _advance(driver, grid, tried, mu, NODES_STEPS)
+            new_x, new_rates = _advance(driver, grid, tried, mu, ((1.0, search.polish_steps),))
             for start, new, rate in zip(number[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate

@@ -5,7 +5,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .visits import generate_visits, log_uniform
+from .visit_search import generate_visits
+from .visits import log_uniform
 from ..deadline import DeadlineCheck
 from ..incumbent import find_powers_without_jamming
 from ..initial import build_flights, fly_around, list_orders, move_inside, project
@@ -17,8 +18,8 @@ from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import build_limits, NormLimit
 from ...model.problem import Problem
 
-STARTS = 15  # For each UAV,
-MOST_STARTS = 60  # and for all.
+STARTS = 15  # Number of starts for each UAV.
+MOST_STARTS = 60  # The most starts for all UAVs.
 FIRST = 8  # Starts of the first batch; where they agree, the second is not begun.
 PLACES = 13  # Hovering places where flights around obstacles or UAVs must be found first.
 ENOUGH = 0.5  # Share of the first flights that a coarse grid must have room for.
@@ -26,27 +27,29 @@ ALTERNATIVES = 8  # The most starts on alternative routes, which are in the firs
 DISTANCE = (0.03, 1.0)  # From targets to hovering places, in mean altitudes, log-uniform.
 JAMMING = (1e-4, 1e-2)  # Jamming powers in units of the average power, log-uniform.
 MU = (0.006, 0.05)  # Barrier parameters to begin with, log-uniform.
-MOST_POWER = 10.0  # Of jammers in starts, in units of the transmitter's average power.
-MORE_JAMMING = 0.05  # The jamming power of every fourth start,
-CLOSE_MU = 3e-3  # and the barrier parameter of every second.
-WAY_PLACES = 128  # Random places around a ground node, of which a short way takes one,
-WAY_DISTANCE = (0.03, 4.0)  # and their distances, as DISTANCE.
+MOST_POWER = 10.0  # Most power of jammers in starts [transmitter's average power].
+MORE_JAMMING = 0.05  # Jamming power of every fourth start, in units of the average power.
+CLOSE_MU = 3e-3  # Barrier parameter of every second start.
+WAY_PLACES = 128  # Number of random places around a ground node that a short way chooses from.
+WAY_DISTANCE = (0.03, 4.0)  # Ground nodes to these places, log-uniform [mean altitudes].
 
-VISIT_MU = 0.1  # Barrier parameter of starts that visit ground nodes, in shares of their rates,
-LEAST_MU = 1e-3  # and at least, so that nodes without a rate keep a gradient.
-VISIT_SHARE = 0.01  # Share of each slack that they keep free.
+VISITING = 1.5  # Ratio of the numbers of starts with several ground nodes and with one.
+VISIT_MU = 0.03  # Barrier parameter of starts that visit ground nodes, in shares of their rates.
+LEAST_MU = 3e-4  # Least barrier parameter of these starts; a node without a rate needs it.
+VISIT_SHARE = 0.01  # Share of each slack that starts keep free if they visit ground nodes.
 BASELINE_MU = 0.02  # Barrier parameter of the baseline as a start.
-HOP_WAVES = 5  # Half waves of the fields by which flights are moved in hops.
-HOP_SIZE = (0.03, 0.3)  # Sizes of these fields in mean altitudes, log-uniform.
-HOP_JAMMING = (0.5, 2.0)  # Ratios of jamming powers after and before a hop, log-uniform.
-HOP_MU = (0.003, 0.03)  # Barrier parameters of hops in shares of the rate, log-uniform.
+SCALES = (0.1, 1.0)  # Range of the scale of barrier parameters with several ground nodes.
+HOP_WIDTH = (0.04, 1.0)  # Width of a hop's part of the flight, log-uniform [flights].
+HOP_SIZE = (0.03, 1.0)  # Length by which a hop moves one UAV, log-uniform [mean altitudes].
+HOP_JAMMING = 1.5  # Standard deviation of the logarithms by which a hop scales jamming powers.
+HOP_MU = (0.02, 0.15)  # Barrier parameters of hops in shares of the rate, log-uniform.
 
 _ON = 0.9  # Power of a UAV that transmits, in units of its average power.
-_SILENT = 1e-5  # Power of a silent UAV, likewise.
+_SILENT = 1e-5  # Power of a silent UAV, in units of its average power.
 _MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
-_SHARE = 0.05  # Of the slack that a start leaves.
+_SHARE = 0.05  # Share of each slack that a start keeps free.
 _POWER_MARGIN = 0.2  # Ratio of the share for limits of powers and that for flights.
-_REFINED_SHARE = 1e-3  # Of the slack that refined flights leave.
+_REFINED_SHARE = 1e-3  # Share of each slack that refined flights keep free.
 
 _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
@@ -64,7 +67,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     uavs = len(scenario.uavs)
     times = np.full((count, uavs), scenario.duration / 2)
     if scenario.has_tracks:
-        # Of each UAV's own: where receivers cross, jammers have a choice of sides.
+        # Each UAV has its own times: where receivers cross, jammers have a choice of sides.
         times[1::2] = np.random.default_rng(2).uniform(
             0.0, scenario.times[-1], times[1::2].shape)
     grounds, centres, radii = scenario.receivers_at(times.ravel())
@@ -145,7 +148,9 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
 def generate_starts(grid: Grid, problem: Problem, baseline: Array,
                     raise_if_over: DeadlineCheck = lambda: None) -> Iterator[tuple[Array, Array]]:
     """
-    Yield two batches of strictly feasible starts.
+    Yield one or two batches of strictly feasible starts.
+
+    With several ground nodes most starts visit them, and the first random ones come beside them.
 
     :param grid: of any number of slots.
     :param problem: of the grid.
@@ -162,28 +167,37 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     if len(scenario.ground_nodes) == 1:
         yield from _generate_random(grid, problem, baseline, count, raise_if_over)
         return
-    visits = _generate_visiting(grid, baseline, count // 2, raise_if_over)
-    ends = 0, FIRST // 2, len(visits[0])
-    random = _generate_random(grid, problem, baseline, count, raise_if_over)
-    for begin, end, (x, mu) in zip(ends, ends[1:], random):
-        yield (np.concatenate([x, visits[0][begin:end]]),
-               np.concatenate([mu, visits[1][begin:end]]))
+    x, mu, scale = _generate_visiting(grid, baseline, round(VISITING * count), raise_if_over)
+    random_x, random_mu = next(_generate_random(grid, problem, baseline, PLACES, raise_if_over))
+    first = FIRST // 2
+    yield np.concatenate([random_x, x[:first]]), np.append(scale * random_mu, mu[:first])
+    if len(x) > first:
+        yield x[first:], mu[first:]
 
 
 def _generate_visiting(grid: Grid, baseline: Array, count: int,
-                       raise_if_over: DeadlineCheck) -> tuple[Array, Array]:
-    """Return starts that visit all ground nodes well, with barrier parameters; see visits.py."""
+                       raise_if_over: DeadlineCheck) -> tuple[Array, Array, float]:
+    """
+    Return starts that visit all ground nodes well, see visit_search.py.
+
+    :return: the starts, (S, N, U, 3); the barrier parameters to begin with, (S,); and the scale of
+        barrier parameters, which is the best rate that is expected, within SCALES.
+    """
     scenario, most = grid.scenario, limit_powers(grid.scenario)
-    flights, powers, rates = generate_visits(grid, count - 1, most)
-    mus = np.maximum(VISIT_MU * np.log(2) * rates / grid.rate, LEAST_MU)
+    flights, powers, rates = generate_visits(grid, count - 1, most, raise_if_over)
+    rates *= np.log(2) / grid.rate
+    scale = float(np.clip(rates.max(), *SCALES))
+    mus = np.maximum(VISIT_MU * rates, LEAST_MU)
     constant = np.repeat(most, grid.slots, axis=1)
     starts, kept = [], []
-    for flight, power, mu in ((baseline, constant, BASELINE_MU), *zip(flights, powers, mus)):
+    for flight, power, mu in (*zip(flights, powers, mus),
+                              (baseline, constant, BASELINE_MU * scale)):
         inside = find_interior(grid, flight, VISIT_SHARE, raise_if_over)
         if inside is not None:
             starts.append(_scale(grid, inside, _ON * power, _SILENT))
             kept.append(mu)
-    return np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3), np.array(kept)
+    x = np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3)
+    return x, np.array(kept), scale
 
 
 def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
@@ -254,24 +268,24 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
 def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
                   raise_if_over: DeadlineCheck) -> tuple[list[int], Array, Array]:
     """
-    Return starts near variables (S, N, U, 3): smoothly moved flights with more or less jamming.
+    Return starts near variables (S, N, U, 3): in a part of the flight one UAV moves, jammers jam.
 
-    :param rates: of the variables in units, (S,).
+    :param rates: rates of the variables in units, (S,).
     :return: the numbers of the variables for which there is a start, the starts, and their barrier
         parameters.
     :raises NumericalError: when there are no starts.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
-    waves = np.arange(1, HOP_WAVES + 1)
-    shapes = np.sin(np.pi * np.linspace(0, 1, grid.slots + 2)[:, None] * waves) / np.sqrt(waves)
+    along = np.linspace(0, 1, grid.slots + 2)
     limits = [limit for limit in build_limits(grid) if isinstance(limit, NormLimit)]
     hopped, starts = [], []
     for number, variables in enumerate(x):
-        sizes = scenario.altitudes.mean() * log_uniform(rng, HOP_SIZE, (uavs, 1, 1))
-        flights = grid.positions(variables) + sizes * (
-            shapes @ rng.normal(size=(uavs, HOP_WAVES, 2)))
-        powers = grid.powers(variables)
-        powers[1:] *= log_uniform(rng, HOP_JAMMING, (uavs - 1, 1))
+        width = log_uniform(rng, HOP_WIDTH, ())
+        part = np.exp(-0.5 * ((along - rng.random()) / width)**2) * (along > 0) * (along < 1)
+        flights, powers = grid.positions(variables), grid.powers(variables)
+        length = scenario.altitudes.mean() * log_uniform(rng, HOP_SIZE, ())
+        flights[rng.integers(uavs)] += length * part[:, None] * rng.normal(size=2)
+        powers[1:] *= np.exp(HOP_JAMMING * rng.normal(size=(uavs - 1, 1)) * part[1:-1])
         for limit in limits:
             flights = limit.retract(flights)
         inside = find_interior(grid, flights, _SHARE, raise_if_over)
@@ -330,9 +344,9 @@ def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
 
 def limit_powers(scenario: Scenario) -> Array:
     """
-    Return the average powers to which those of starts are relative, (U, 1) in W.
+    Return the powers of starts, (U, 1) in W: the average powers, of jammers MOST_POWER at most.
 
-    A jammer may have so much that all shares of it would drown the transmitter.
+    Any share of a larger jamming power would drown the transmitter.
     """
     most = MOST_POWER * scenario.average_powers[0]
     return np.minimum(scenario.average_powers, most)[:, None]

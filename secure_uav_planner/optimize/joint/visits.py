@@ -1,32 +1,30 @@
 """
-Starts that visit several ground nodes in configurations that serve each of them well.
+Visits of several ground nodes in configurations that serve each node well.
 
-A node without a rate has no gradient. So every node is visited: all UAVs are at good places for
-it, with good powers, for as long as its weight and its rate there ask for.
+A node without a rate has no gradient. So starts visit every node: all UAVs are at good places for
+it, with good powers, for as long as its weight and its rate there ask for. `visit_search.py`
+improves such starts.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..initial import list_orders
 from ...mission.scenario import Array, Scenario
 from ...model.channel import guaranteed_node_rates
 from ...model.grid import Grid
-from ...model.limits import build_limits, NormLimit
 
-CANDIDATES = 4  # Flights that are compared for each start.
-SAMPLES = 1200  # Random configurations for each visit of an order,
-DRAWN = 4  # of which a candidate draws one in so many,
-KEPT = 24  # and compares so many of the best.
-DISTANCE = (0.03, 1.5)  # From eavesdroppers to places of jammers, in mean altitudes, log-uniform.
-AWAY = (0.03, 4.0)  # From ground nodes to places of the transmitter, likewise.
-JAMMING = (1e-4, 1.0)  # Powers of jammers in units of the powers of starts, log-uniform.
-REACH = (0.7, 1.0)  # Shares of the largest speed with which places are in reach, uniform.
+SAMPLES = 1200  # Number of random configurations for each visit of an order.
+DRAWN = 4  # Each start is drawn from a random one in four of these samples.
+KEPT = 16  # Number of best samples of a visit that each start chooses from.
+DISTANCE = (0.03, 1.5)  # Jammers to eavesdroppers, log-uniform [mean altitudes].
+AWAY = (0.03, 4.0)  # Transmitter to the ground node, log-uniform [mean altitudes].
+JAMMING = (1e-4, 1.0)  # Powers of jammers, log-uniform, in shares of the powers of starts.
+REACH = (0.7, 1.0)  # Share of the largest speed at which places are in reach, uniform.
 FLYING = 0.6  # Share of the time between the middles of two visits in which UAVs fly on.
 LATE = 3.0  # What it costs a UAV to need twice that time, in logarithms of rates.
-LACK = 1e-4  # Mean rate in bit/s/Hz that counts for a node that nearly has one.
 EQUAL = 0.5  # Share of the flight that is divided equally; the rest is divided by need.
 JITTER = 0.5  # Standard deviation of the logarithms of the durations of visits.
 LEAST_RATE = 0.01  # Share of the largest rate of a visit that counts for every visit at least.
@@ -34,66 +32,41 @@ LEAST_RATE = 0.01  # Share of the largest rate of a visit that counts for every 
 
 class Visits(NamedTuple):
     """
-    C starts that visit V ground nodes each.
+    C starts that visit each of V ground nodes once.
 
-    :param places: of the UAVs, (C, V, U, 2) in m.
-    :param shares: of the powers of starts, (C, V, U).
-    :param ends: of the visits, in shares of the flight, (C, V).
+    :param nodes: numbers of the ground nodes in the order of the visits, (C, V).
+    :param places: places of the UAVs [m], (C, V, U, 2).
+    :param shares: powers of the UAVs in shares of the powers of starts, (C, V, U).
+    :param durations: durations of the visits in shares of the flight, (C, V).
     """
 
+    nodes: NDArray[np.intp]
     places: Array
     shares: Array
-    ends: Array
+    durations: Array
+
+    @property
+    def ends(self) -> Array:
+        """Return the ends of the visits in shares of the flight, (C, V)."""
+        return np.cumsum(self.durations, axis=1)
+
+    def take(self, index: Any) -> 'Visits':
+        """Return some of the starts, or other orders of visits, by an index of the arrays."""
+        return Visits(*(values[index] for values in self))
 
 
-def generate_visits(grid: Grid, count: int, powers: Array) -> tuple[Array, Array, Array]:
+def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
+                rng: np.random.Generator) -> Visits:
     """
-    Return starts that visit all ground nodes, in the orders of list_orders in turn.
+    Return random starts that visit ground nodes in an order.
 
-    :param powers: powers of starts, (U, 1) in W, see limit_powers.
-    :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
-        estimates of the least mean rates over weight in bit/s/Hz, (S,).
+    :param order: numbers of the nodes, V.
+    :param count: number of starts.
+    :param powers: powers of starts [W], (U,).
     """
-    scenario, rng = grid.scenario, np.random.default_rng(5)
-    orders = list_orders(
-        scenario, scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0])
-    drawn = -(-CANDIDATES * count // len(orders))
-    visits = Visits(*map(np.concatenate, zip(*(
-        _draw_visits(scenario, order, drawn, powers[:, 0], rng) for order in orders))))
-    flights = _visit_places(grid, visits)
-    for limit in build_limits(grid):
-        if isinstance(limit, NormLimit):
-            flights = np.stack([limit.retract(flight) for flight in flights])
-    slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
-    visit = (slots[:, None] > visits.ends[:, None, :-1]).sum(axis=-1)
-    shares = np.take_along_axis(visits.shares, visit[..., None], 1)
-    power = powers * np.moveaxis(shares, -1, 1)
-    rates = guaranteed_node_rates(
-        scenario, np.pad(_join(flights[:, :, 1:-1]), ((0, 0), (1, 1), (0, 0))), _join(power),
-        times=np.tile(grid.times, len(flights)))
-    rates = rates.reshape(len(rates), len(flights), grid.slots)
-    # A node without a rate counts by how little it lacks.
-    lacks = LACK * 2.0 ** np.minimum(rates.max(axis=-1), 0.0)
-    rates = np.maximum(rates, 0.0)
-    estimates = 1 / (scenario.node_weights[:, None] / np.maximum(
-        rates.mean(axis=-1), lacks)).sum(axis=0)
-    best = np.argsort(-estimates, kind='stable')[:count]
-    # Every second transmits in the slots that win only.
-    wins = rates[:, best[1::2]].any(axis=0)
-    power[best[1::2], 0] *= wins / np.maximum(wins.mean(axis=1, keepdims=True), 1e-3)
-    return flights[best], power[best], estimates[best]
-
-
-def _join(values: Array) -> Array:
-    """Return values of flights, (C, U, N, ...), after each other, (U, C N, ...)."""
-    return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
-
-
-def _draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
-                 rng: np.random.Generator) -> Visits:
     weights = scenario.node_weights[order]
     needs = np.full(len(order), 1 / len(order))
-    for _ in range(2):  # At first with equal times, then with those that are needed.
+    for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
         ends = np.cumsum(needs)
         times = (ends - needs / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, times, powers, rng)
@@ -112,7 +85,8 @@ def _draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array
         best = _choose_sequence(scenario, some_places, some_rates, times)
         places.append(some_places[visit, best])
         shares.append(some_shares[visit, best])
-    return Visits(np.stack(places), np.stack(shares), all_ends)
+    return Visits(np.tile(order, (count, 1)), np.stack(places), np.stack(shares),
+                  np.diff(all_ends, axis=1, prepend=0.0))
 
 
 def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
@@ -177,24 +151,24 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
     return straight + share[..., None] * offsets
 
 
-def _visit_places(grid: Grid, visits: Visits) -> Array:
+def fly_visits(grid: Grid, visits: Visits) -> Array:
     """Return flights (C, U, N+2, 2) in m on a grid that pursue places as their goals allow."""
-    scenario = grid.scenario
+    scenario, ends = grid.scenario, visits.ends
     steps = scenario.max_speeds * grid.slot_duration
-    # With a limit of acceleration, velocities are means over the moves that full speed takes.
+    # A limit of acceleration is kept by means of velocities over the moves that full speed takes.
     width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
                 for uav in scenario.uavs)
-    moves, each = grid.slots + 1 - width, np.arange(len(visits.ends))
+    moves, each = grid.slots + 1 - width, np.arange(len(ends))
     place = np.repeat(scenario.starts[None], len(each), axis=0)
     if (_measure(scenario.goals - scenario.starts) > moves * steps).any():
         return np.repeat(grid.reference_flight[None], len(each), axis=0)
     points = [place]
     for number in range(1, moves + 1):
-        visit = (number / moves > visits.ends[:, :-1]).sum(axis=1)
-        following = visits.places[each, np.minimum(visit + 1, visits.ends.shape[1] - 1)]
+        visit = (number / moves > ends[:, :-1]).sum(axis=1)
+        following = visits.places[each, np.minimum(visit + 1, ends.shape[1] - 1)]
         # Half the way to the next place is flown in the time for the present one.
         leaves = number / moves + _measure(following - place) / (2 * moves * steps) > (
-            visits.ends[each, visit][:, None])
+            ends[each, visit][:, None])
         offset = np.where(leaves[..., None], following, visits.places[each, visit]) - place
         place = place + offset * np.minimum(1.0, steps / np.maximum(_measure(offset), 1e-9)
                                             )[..., None]
@@ -202,8 +176,7 @@ def _visit_places(grid: Grid, visits: Visits) -> Array:
         place = scenario.goals + offset * np.minimum(
             1.0, steps * (moves - number) / np.maximum(_measure(offset), 1e-9))[..., None]
         points.append(place)
-    ends = (0, 0), (0, 0), (width, width), (0, 0)
-    path = np.pad(np.stack(points, axis=2), ends, mode='edge')
+    path = np.pad(np.stack(points, axis=2), ((0, 0), (0, 0), (width, width), (0, 0)), mode='edge')
     sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
     flights = (sums[:, :, width + 1:] - sums[:, :, :-width - 1]) / (width + 1)
     flights[:, :, 0], flights[:, :, -1] = scenario.starts, scenario.goals

@@ -1,0 +1,160 @@
+"""
+Search for starts that visit several ground nodes: random visits, changed where that raises a rate.
+
+Changes are judged by an estimate of the least rate that takes no Newton step, so that thousands
+of orders, places and durations are compared in the time of a few starts.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .visits import draw_visits, fly_visits, log_uniform, Visits
+from ..deadline import DeadlineCheck
+from ..initial import list_orders
+from ...mission.scenario import Array, Scenario
+from ...model.channel import guaranteed_node_rates
+from ...model.grid import Grid
+from ...model.limits import build_limits, NormLimit
+
+DRAWN = 2  # Number of random visits for each start that is asked for.
+CHANGES = 60  # Changes that are tried for each of them.
+SLOTS = 24  # Slots of the grid on which changes are judged.
+SHIFT = (0.03, 1.0)  # Length by which a place is moved, log-uniform [mean altitudes].
+STRETCH = 0.3  # Standard deviation of the logarithms of durations in a change.
+LACK = 1e-4  # Mean rate [bit/s/Hz] that counts for a node that nearly has one.
+ROUNDS = 10  # Rounds in which the prices of the nodes are adapted for an estimate.
+PRICE_STEP = 0.5  # Step of the logarithms of prices in the first round.
+
+
+def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: DeadlineCheck
+                    ) -> tuple[Array, Array, Array]:
+    """
+    Return starts that visit all ground nodes, the best by estimate first.
+
+    :param powers: powers of starts, (U, 1) in W, see limit_powers.
+    :param raise_if_over: called before each order and each round of changes; what it raises is passed on.
+    :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
+        estimates of the least mean rates over weight in bit/s/Hz, (S,).
+    """
+    scenario, rng = grid.scenario, np.random.default_rng(5)
+    orders = list_orders(
+        scenario, scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0])
+    drawn = -(-DRAWN * count // len(orders))
+    batches = []
+    for order in orders:
+        raise_if_over()
+        batches.append(draw_visits(scenario, order, drawn, powers[:, 0], rng))
+    visits = Visits(*map(np.concatenate, zip(*batches)))
+    coarse = grid.with_slots(min(grid.slots, SLOTS))
+    visits = _improve(coarse, visits, powers, rng, raise_if_over)
+    flights = fly_visits(grid, visits)
+    for limit in build_limits(grid):
+        if isinstance(limit, NormLimit):
+            flights = np.stack([limit.retract(flight) for flight in flights])
+    estimates, power, wins = _estimate(grid, visits, flights, powers)
+    best = np.argsort(-estimates, kind='stable')[:count]
+    # Every second start transmits only in the slots that win.
+    wins = wins[best[1::2]]
+    power[best[1::2], 0] *= wins / np.maximum(wins.mean(axis=1, keepdims=True), 1e-3)
+    return flights[best], power[best], estimates[best]
+
+
+def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator,
+             raise_if_over: DeadlineCheck) -> Visits:
+    """Return visits after random changes, of which those that raise the estimate are kept."""
+    drawn, estimates = visits, _estimate(grid, visits, fly_visits(grid, visits), powers)[0]
+    for _ in range(CHANGES):
+        raise_if_over()
+        changed = _change(grid.scenario, visits, drawn, rng)
+        new = _estimate(grid, changed, fly_visits(grid, changed), powers)[0]
+        better, estimates = new > estimates, np.maximum(new, estimates)
+        visits = Visits(*(np.where(np.reshape(better, (-1,) + (1,) * (old.ndim - 1)), values, old)
+                          for values, old in zip(changed, visits)))
+    return visits
+
+
+def _estimate(grid: Grid, visits: Visits, flights: Array,
+              powers: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """
+    Estimate the least mean rates of C starts on a grid.
+
+    :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and the
+        slots that win, (C, N).
+    """
+    scenario = grid.scenario
+    slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
+    visit = (slots[:, None] > visits.ends[:, None, :-1]).sum(axis=-1)
+    power = powers * np.moveaxis(np.take_along_axis(visits.shares, visit[..., None], 1), -1, 1)
+    rates = guaranteed_node_rates(
+        scenario, np.pad(_join(flights[:, :, 1:-1]), ((0, 0), (1, 1), (0, 0))), _join(power),
+        times=np.tile(grid.times, len(flights)))
+    rates = rates.reshape(len(rates), len(flights), grid.slots)
+    wins = np.asarray((rates > 0).any(axis=0))
+    # A node without a rate counts by how little it lacks.
+    lacks = LACK * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
+    rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
+    return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, wins
+
+
+def _join(values: Array) -> Array:
+    """Return values of flights, (C, U, N, ...), after each other, (U, C N, ...)."""
+    return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
+
+
+def _bound_least_rates(rates: Array) -> Array:
+    """
+    Return upper bounds (C,) of the least mean rates that shares of slots can give.
+
+    For any prices of the nodes that sum to 1, the mean over slots of the largest priced rate is a
+    bound. Each round lowers the prices of nodes with large rates.
+
+    :param rates: rates over weight, positive, (C, G, N).
+    """
+    prices = 1 / rates.mean(axis=-1)
+    prices /= prices.sum(axis=1, keepdims=True)
+    bounds = np.full(len(rates), np.inf)
+    for number in range(ROUNDS):
+        priced = prices[..., None] * rates
+        most = priced.max(axis=1, keepdims=True)
+        bounds = np.minimum(bounds, most.mean(axis=-1)[:, 0])
+        gains = np.where(priced >= most, rates, 0.0).mean(axis=-1)
+        gains /= gains.mean(axis=1, keepdims=True)
+        prices *= np.exp(-PRICE_STEP / (1 + number / 4) * (gains - 1))
+        prices /= prices.sum(axis=1, keepdims=True)
+    return bounds
+
+
+def _change(scenario: Scenario, visits: Visits, drawn: Visits, rng: np.random.Generator) -> Visits:
+    """
+    Return visits with a random change of each start.
+
+    A quarter each reverses a part of the order, takes places and powers of one UAV or all from
+    another start's visit of the node, moves a UAV in one visit, and stretches the visits.
+
+    :param drawn: starts from which places and powers are taken.
+    """
+    starts, (count, stops, uavs) = np.arange(len(visits.nodes)), visits.shares.shape
+    kind, stop = rng.integers(4, size=count), rng.integers(stops, size=count)
+    ends = np.sort(rng.integers(stops, size=(count, 2)), axis=1)[..., None]
+    order = np.arange(stops)
+    part = (kind == 0)[:, None] & (ends[:, 0] <= order) & (order <= ends[:, 1])
+    order = np.where(part, ends.sum(axis=1) - order, order)
+    nodes, places, shares, durations = visits.take((starts[:, None], order))
+
+    source = rng.integers(len(drawn.nodes), size=count)
+    at = (drawn.nodes[source] == nodes[starts, stop][:, None]).argmax(axis=1)
+    uav = rng.integers(uavs, size=count)
+    taken = (rng.random((count, 1)) < 0.5) | (np.arange(uavs) == np.reshape(uav, (-1, 1)))
+    taken &= (kind == 1)[:, None]
+    places[starts, stop] = np.where(
+        taken[..., None], drawn.places[source, at], places[starts, stop])
+    shares[starts, stop] = np.where(taken, drawn.shares[source, at], shares[starts, stop])
+
+    moves = scenario.altitudes.mean() * log_uniform(rng, SHIFT, (count, 1)) * rng.normal(
+        size=(count, 2))
+    places[starts, stop, uav] += np.where((kind == 2)[:, None], moves, 0.0)
+    louder = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
+    shares[starts, stop, uav] *= np.exp(louder * rng.normal(size=count))
+
+    durations *= np.exp(STRETCH * (kind == 3)[:, None] * rng.normal(size=durations.shape))
+    return Visits(nodes, places, shares, durations / durations.sum(axis=1, keepdims=True))
