@@ -195,7 +195,7 @@ class _BestBound:
             self.status = 'time_limit'
         self.deadline.raise_if_over()
         before = self.deadline.elapsed
-        self.offer(certify(search.team, build_multipliers(search), self.deadline.is_over).rate)
+        self.offer(certify(search.team, build_multipliers(search), self.deadline.poll).rate)
         self._proving = self.deadline.elapsed - before
         self.deadline.raise_if_over()
 
@@ -258,7 +258,7 @@ def find_start(scenario: Scenario, deadline: Deadline, objective: str,
     slots = min(scenario.slots, MOST_GROUPS)
     try:
         plan = solve(replace(scenario, slots=slots), objective=objective,  # type: ignore[arg-type]
-                     on_iteration=lambda _: deadline.is_over(),
+                     on_iteration=lambda _: deadline.poll(),
                      time_limit=max(deadline.time_left / 2, 1e-3))
         positions, powers, rate = plan.positions, plan.powers, plan.rate
     except PlanningError:

@@ -202,7 +202,7 @@ class _Search:
         self._deadline.report(replace(
             iteration, number=next(self._numbers), elapsed=self._deadline.elapsed,
             step=f'{self._tried:.1f} s: {iteration.step}'))
-        return self._deadline.is_over()
+        return self._deadline.poll()
 
     def _prove(self, best: Plan) -> None:
         """Set too_short of the best plan if a bound proves that a flight shorter by 1 s fails."""

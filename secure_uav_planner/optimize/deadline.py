@@ -83,8 +83,8 @@ class Deadline:
                 f'time_limit is {self._time_limit:g} s; it was over before {self._goal} were '
                 'found; with more time, or fewer slots, there may be some')
 
-    def is_over(self) -> bool:
-        """Return True if the call must end. Like raise_if_over, it may call the callback."""
+    def poll(self) -> bool:
+        """Return True if the call must end. Like raise_if_over, this may call the callback."""
         try:
             self.raise_if_over()
         except (StoppedError, TimeLimitError):

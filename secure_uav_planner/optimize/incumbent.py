@@ -156,7 +156,7 @@ class Incumbent:
 
     def to_plan(self, method: str, status: Status) -> Plan:
         """Return the iterate as a Plan, whose slots of rate 0 send no power."""
-        if not self.deadline.is_over():
+        if not self.deadline.poll():
             self.try_idle_slots()
         if self.rate > self.history[-1].rate:
             self.report(self.history[-1].step)

@@ -112,7 +112,7 @@ def _improve_from_scratch(incumbent: Incumbent, status: Status, baseline: Array 
         cold = Incumbent(problem, baseline, constant_powers(problem.scenario), deadline,
                          objective=incumbent.objective, parent=incumbent)
         cold_status = joint.improve(cold)
-        if not deadline.is_over():
+        if not deadline.poll():
             cold.try_idle_slots()
         if incumbent.try_improve(cold.positions, cold.useful_powers) > 0:
             return cold_status

@@ -46,7 +46,7 @@ def _improve_worst_case(driver: SolverDriver, guaranteed: SolverDriver) -> Statu
     incumbent, plan = driver.incumbent, guaranteed.incumbent
     incumbent.try_improve(plan.positions, plan.useful_powers)
     status = run_to_end(improve_by_exchange, driver, guaranteed.optima)
-    if not incumbent.deadline.is_over():
+    if not incumbent.deadline.poll():
         plan.try_idle_slots()
         incumbent.try_improve(plan.positions, plan.useful_powers)
     return status
