@@ -12,7 +12,8 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
-from ros_client import Client, memory_settles, node_process, pose_message, seconds, wait_for
+from ros_client import (
+    Client, memory_settles, node_process, pose_message, seconds, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.topics import LATCHED
@@ -117,13 +118,13 @@ def test_plans_that_arrive_in_flight_beside_busy_loops_leave_no_gap_in_the_strea
             stack.callback(loop.kill)
         plan = replace(plan, start_ns=time.time_ns())
         publisher.publish(messages.plan_text(plan, 'map'))
+        wait_for_line(replay, plan.identity)
         assert client.call('replay/start').success
         wait_for(lambda: places, what='the flight')
         for number in range(count):
             changed = replace(plan, powers=plan.powers * (1 - 0.01 * (number + 1)))
             publisher.publish(messages.plan_text(changed, 'map'))
-            wait_for(lambda: any(changed.identity in line for line in list(replay.lines)),
-                     what=f'plan {number}')
+            wait_for_line(replay, changed.identity)
             time.sleep(1.0)
     gaps = np.diff([seconds(place.header.stamp) for place in places])
     print(f'{count} plans of {slots} slots beside {loops} busy loops, {len(places)} setpoints: '
