@@ -145,7 +145,7 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
     shares = received / (1 + received.sum(axis=0))
     loss = cp.sum(_along(shares[..., None] * slopes, x, y) + cp.multiply(
         shares * inverse, cp.square(x) + cp.square(y)), axis=0)
-    if len(paths) > 1:  # y_k is the logarithm of zeta of (17a).
+    if len(paths) > 1:  # The y_k of _log_of_sum_bound is the logarithm of zeta of (17a).
         interference, needed = _log_of_sum_bound(received[1:], slopes[1:], x[1:], y[1:])
         loss += interference[0]
         constraints += needed
@@ -159,7 +159,17 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
 
 def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
                     y: Any, paths: list[Any]) -> _Bound:
-    """Return convex upper bounds of the leakage to each eavesdropper, (E, N) in nats."""
+    """
+    Return convex upper bounds of the leakage to each eavesdropper.
+
+    :param unit: unit of lengths in the restriction [m].
+    :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
+    :param powers: p_i[n], (U, N) in W.
+    :param x: x-coordinates of the displacements of the UAVs, (U, N) in units.
+    :param y: y-coordinates of the displacements, (U, N) in units.
+    :param paths: displaced positions of each UAV, (N+2, 2) in units.
+    :return: bounds (E, N) in nats, and the constraints that make them upper bounds.
+    """
     (grounds, centres, radii), count = scenario.receivers, len(scenario.eavesdroppers)
     squared = guaranteed_squared_distances(scenario, positions)
     gains, inverse = _evaluate_link(
@@ -173,7 +183,8 @@ def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: A
     away = _normalise(positions[:, 1:-1] - grounds[0], np.array([1.0, 0.0]))
     slopes = 2 * (distances * inverse)[..., None] * _normalise(
         positions[:, 1:-1] - centres[:, None], away)
-    # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
+    # The y_k of _log_of_sum_bound is the logarithm of xi of (17b) for the transmitter, and the
+    # logarithm of tau of (17c) for jammers.
     repeat = np.tile(np.eye(len(positions)), (count, 1))
     bounds, constraints = _log_of_sum_bound(
         np.concatenate(received), np.concatenate(slopes), repeat @ x, repeat @ y, count)

@@ -105,6 +105,7 @@ class Incumbent:
         """
         Try the powers of the nearest useful slots in idle slots, then no power in idle slots.
 
+        Each UAV spends the power that its idle slots save in its other slots, in proportion.
         Powers have local optima in each single slot: silence between slots that transmit, or so
         much jamming that nothing arrives.
         """
@@ -116,8 +117,8 @@ class Incumbent:
         times = np.asarray((slots + 1) * self.scenario.slot_duration, float)
         after = np.searchsorted(useful, slots)
         powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
-        for near in (after - 1, after):
-            tried = self.powers[:, useful[near.clip(0, len(useful) - 1)]]
+        for neighbour in (after - 1, after):
+            tried = self.powers[:, useful[neighbour.clip(0, len(useful) - 1)]]
             _, rates = mute_nonpositive_slots(
                 self.scenario, positions, tried, self.objective, times)
             rates = rates.max(axis=0)
@@ -125,6 +126,7 @@ class Incumbent:
             powers[:, slots[better]], best[better] = tried[:, better], rates[better]
         self.try_improve(powers=powers)
         quiet = np.where(self._rates > _IDLE_SHARE * self.rate, self.powers, 0.0)
+        # The floor avoids a division by 0 for a UAV that sends in idle slots only.
         spent = np.maximum(quiet.mean(axis=1), self.scenario.average_powers * 1e-9)
         self.try_improve(powers=quiet * (self.powers.mean(axis=1) / spent)[:, None])
 

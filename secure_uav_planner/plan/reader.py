@@ -44,7 +44,8 @@ class ReaderProcess:
         :raises PlanFileError: if the text contains no plan, or the process has ended.
         """
         if self._process is None:
-            # A signal to the group of this process must not end it with a traceback.
+            # Ctrl+C signals a whole process group. In a session of its own, the reader is not
+            # signalled and prints no traceback.
             self._process = subprocess.Popen(
                 [sys.executable, '-c', _SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 start_new_session=True)

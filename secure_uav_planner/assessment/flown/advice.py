@@ -21,7 +21,7 @@ def advise(flight: FlownFlight, uavs: Mapping[str, UavErrors], ways: Array) -> l
     Return what to type next, each with its reason.
 
     :param uavs: errors by UAV.
-    :param ways: distance of each UAV from its way at flight.times, (U, K) in m.
+    :param ways: distance of each UAV from its planned path at flight.times, (U, K) in m.
     """
     measured = [errors for errors in uavs.values() if math.isfinite(errors.error_rms_m)]
     if not measured:

@@ -97,7 +97,12 @@ def _make_course(times: Iterable[tuple[str, float]], plans: dict[str, Plan], giv
 
 
 def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
-    """Return a plan whose promise ends where its flight is late for receivers that move."""
+    """
+    Return a plan whose promise ends at the first report of a flight that is early or late.
+
+    A promise for receivers that move holds at the planned times only. A UAV that waits at its
+    start for the planned time keeps the promise.
+    """
     if plan.promised_until is None:
         return plan
     start_ns, curve = plan.start_ns or 0, plan.curve

@@ -58,7 +58,7 @@ class Comparison:
     :ivar achieved: by objective, the rates of the ground nodes in their shares that were achieved,
         (G, N) in bit/s/Hz; NaN in slots that are not covered.
     :ivar planned: by objective, the planned rates of the ground nodes, (G, N) in bit/s/Hz.
-    :ivar errors: distance of each UAV from the way of its plan at flight.times, (U, K) in m.
+    :ivar errors: distance of each UAV from its planned path at flight.times, (U, K) in m.
     """
 
     flight: FlownFlight
@@ -161,7 +161,7 @@ class Comparison:
 
     def plot(self) -> 'Figure':
         """
-        Return a picture: the map with both ways, errors over time, rates planned and achieved.
+        Return a picture: the map with both paths, errors over time, rates planned and achieved.
 
         :raises MissingPackageError: when Matplotlib is not installed.
         """

@@ -20,23 +20,23 @@ class UavErrors(NamedTuple):
     """
     Errors of one UAV against its plan; NaN for what its log does not tell.
 
-    :ivar delay_s: time by which the UAV is behind its plan along its way.
+    :ivar delay_s: time by which the UAV is behind its plan along the planned path.
     :ivar error_rms_m: horizontal distance from the plan at the same time, RMS.
     :ivar error_max_m: largest horizontal distance from the plan at the same time.
     :ivar error_max_time_s: time of the largest distance, from point 0.
-    :ivar cross_track_rms_m: distance from the nearest point of the planned way, RMS.
-    :ivar cross_track_95_m: 95% quantile of the distance from the way.
-    :ivar cross_track_99_m: 99% quantile of the distance from the way.
-    :ivar cross_track_max_m: largest distance from the way.
-    :ivar cross_track_max_time_s: time of the largest distance from the way, from point 0.
-    :ivar cross_track_mean_m: mean distance to the left of the way, negative to the right.
+    :ivar cross_track_rms_m: distance from the nearest point of the planned path, RMS.
+    :ivar cross_track_95_m: 95% quantile of the distance from the planned path.
+    :ivar cross_track_99_m: 99% quantile of the distance from the planned path.
+    :ivar cross_track_max_m: largest distance from the planned path.
+    :ivar cross_track_max_time_s: time of the largest distance from the planned path, from point 0.
+    :ivar cross_track_mean_m: mean distance to the left of the planned path, negative to the right.
     :ivar offset_m: mean distance (x, y) from the plan at the time `delay_s` before.
     :ivar height_error_max_m: largest difference of heights.
     :ivar speed_max_m_s: largest speed that was flown.
     :ivar acceleration_max_m_s2: largest acceleration that was flown.
     :ivar gap_max_s: longest time without a position.
     :ivar jumps_s: times at which the frame of the log jumps, from point 0.
-    :ivar energy_j: energy by the model of propulsion along the way flown, in the time covered.
+    :ivar energy_j: energy by the model of propulsion along the flown path, in the time covered.
     :ivar planned_energy_j: energy of the plan by the same model.
     :ivar battery_wh: energy taken from the battery.
     :ivar battery_factor: energy taken from the battery in units of `energy_j`.
@@ -67,7 +67,7 @@ class UavErrors(NamedTuple):
 
 
 def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
-    """Return the errors of a UAV, and its distances from its way at flight.times, (K,) in m."""
+    """Return the errors of a UAV, and its distances (K,) in m from its path at flight.times."""
     times, uav = flight.times, flight.plan.scenario.uavs[index]
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
@@ -101,21 +101,23 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
 
 def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
     """
-    Return the distances of a UAV from its way at flight.times, (K,) in m; NaN in gaps.
+    Return the cross-track errors of a UAV at flight.times, (K,) in m; NaN in gaps.
 
-    They are positive on the left of the way. Where the plan hovers, the distance from its place
-    counts.
+    Errors are positive on the left of the planned path. While the plan hovers, the error is the
+    distance from the hovering place.
+
+    :param delay: first guess of the time [s] by which the UAV is behind its plan, or NaN.
     """
     flown = np.nan_to_num(flight.positions[index, :, :2])
-    fast = flight.plan.scenario.uavs[index].max_speed
+    max_speed = flight.plan.scenario.uavs[index].max_speed
     times = flight.times - np.nan_to_num(delay)
     for number in range(_PROJECTIONS + 1):
         motion = flight.course.at(times)
         offsets = flown - motion.positions[index]
         velocity = motion.velocities[index]
         squares = (velocity**2).sum(axis=1)
-        is_moving = squares > (_MOVING * fast)**2
-        if number < _PROJECTIONS:  # Go to the point of the way beside the UAV.
+        is_moving = squares > (_MOVING * max_speed)**2
+        if number < _PROJECTIONS:  # Go to the point of the planned path beside the UAV.
             ahead = (offsets * velocity).sum(axis=1) / np.maximum(squares, 1e-9)
             times = times + np.where(is_moving, np.clip(ahead, -1.0, 1.0), 0.0)
     headings = motion.headings[index]

@@ -106,16 +106,20 @@ def _properties(feature: Any) -> Mapping[str, Any]:
 
 
 def _find_map_kind(feature: Any) -> str | None:
-    """Return the kind of a feature of the map of a plan, None for all others."""
+    """
+    Return the kind of a feature that a plan's map contains, None for a feature of another source.
+
+    In a plan's map, paths, ground nodes and tracks are no polygons, and the fence has no name.
+    """
     kind = (properties := _properties(feature)).get('kind')
     if not isinstance(kind, str) or kind not in MAP_PROPERTIES or (
             properties.keys() != {'kind', 'name'} | MAP_PROPERTIES[kind]):
         return None
     geometry = feature.get('geometry')
     is_area = isinstance(geometry, Mapping) and geometry.get('type') in _AREAS
-    may_be = not is_area if kind in ('path', 'ground_node', 'track') else (
+    is_of_map = not is_area if kind in ('path', 'ground_node', 'track') else (
         kind != 'geofence' or properties['name'] == '')
-    return kind if may_be else None
+    return kind if is_of_map else None
 
 
 def read_feature(item: Any, origin: Origin) -> Iterator[Area]:

@@ -75,8 +75,13 @@ class ControlPoints:
             self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
 
     def evaluate(self, path: Array) -> Array:
-        """Return the control points of a path, (N+2, U, K, 2) in units."""
+        """
+        Return the control points of a path, (N+2, U, K, 2) in units.
+
+        :param path: the points q[n] of each UAV, (N+2, U, 2) in units.
+        """
         path, weights = path[:, :, None], self.all_weights[..., None]
+        # Entries 0, 1 and 2 are the weights of q[n-1], q[n] and q[n+1].
         points: Array = weights[..., 1, :] * path
         points[1:] += weights[1:, ..., 0, :] * path[:-1]
         points[:-1] += weights[:-1, ..., 2, :] * path[1:]

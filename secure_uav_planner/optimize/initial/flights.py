@@ -254,10 +254,15 @@ def _locate(route: Array, covered: Array) -> Array:
 
 
 def _fly_straight(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
-    """Return the points of a UAV without a limit of acceleration, (N+2, 2)."""
+    """
+    Return points (N+2, 2) of a flight to a place, of a hover there and of a flight to the goal.
+
+    Both flights are straight and at full speed, without a limit of acceleration. A UAV without the
+    time to reach the place turns to the goal earlier, and does not hover.
+    """
     turn = _find_turning_place(start, goal, place, (slots + 1) * step)
     points = np.empty((slots + 2, 2))
-    points[:] = start + (turn - start)
+    points[:] = start + (turn - start)  # Rounded like the points of the leg from the start.
     # Distances of points from the start; reversed points have the same distances from the goal.
     covered = np.arange(slots + 2.0) * step
     for end, leg in ((start, points), (goal, points[::-1])):

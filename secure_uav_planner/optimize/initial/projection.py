@@ -115,9 +115,11 @@ class _Projection:
     def solve(self, positions: Array, opposite: bool = False,
               inside: NDArray[np.bool_] | None = None) -> Array | None:
         """
-        Return flights inside the limits, near given ones, or None; see project.
+        Return flights (U, N+2, 2) in m inside the limits, near given ones, or None.
 
-        :param inside: UAVs that stay where they are as long as others leave them room, (U,).
+        :param opposite: whether UAVs that meet pass each other on the side that is not nearest.
+        :param inside: UAVs that are not moved in the first round, (U,). With None, all UAVs are
+            moved, and lines between two UAVs turn evenly, so that the UAVs pass on one side.
         """
         base = target = self._to_path(positions)
         lines = self._choose_lines(base)

@@ -80,6 +80,7 @@ class SecurePlanner:
         self.plan_time: TimeReference | None = None
         self._receivers = (
             *self.scenario.ground_node_names, *self.scenario.eavesdropper_names)
+        # Names that the planner's parameters would refuse are refused here.
         for kind, names in (('uavs', self.names), (
                 'ground_nodes', self.scenario.ground_node_names), (
                     'eavesdroppers', self.scenario.eavesdropper_names)):

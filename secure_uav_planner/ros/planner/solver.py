@@ -121,7 +121,10 @@ class SolverThread:
         """
         Start a job, after the present job has stopped.
 
+        :param work: called with the Job in the solver's thread.
         :param then: called with the Result in the state thread, unless a later job was started.
+        :param cancelled: text of the job's error after a cancel.
+        :param is_solve: True for a solve, which can be cancelled; False for the proof of a bound.
         """
         self.stop()
         job = self.job = Job(self._on_progress, cancelled, is_solve)
