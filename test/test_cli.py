@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 
+from conftest import is_there
 from processes import environment, ROOT
 import pytest
 from secure_uav_planner import Channel, Origin, Plan, Scenario
@@ -299,11 +300,13 @@ def test_a_signal_keeps_the_best_plan_and_what_is_proven_so_far_and_says_so(
 
 
 ROS = 'rclpy', 'rcl_interfaces', 'std_msgs'
+NEEDS_ROS = pytest.mark.skipif(not is_there('rclpy'), reason='loads ROS')
 
 
 @pytest.mark.parametrize('hidden, arguments, status, extra', [
     (['matplotlib'], PLAN, 0, 'view'), (['plotly'], PLAN, 0, 'view'),
-    (['mcap'], [*PLAN, '--mcap'], 2, 'view'), (ROS, [*PLAN, '--mcap'], 2, 'ros'),
+    pytest.param(['mcap'], [*PLAN, '--mcap'], 2, 'view', marks=NEEDS_ROS),
+    (ROS, [*PLAN, '--mcap'], 2, 'ros'),
     (ROS, ['node', 'planner'], 2, 'ros'), (['matplotlib'], ['show', 'a/b/plan.json'], 2, 'view'),
     (['plotly'], ['show', 'a/b/plan.json', '-o', 'plan.html'], 2, 'view'),
     (['matplotlib'], ['assess', 'a/b/plan.json', '--draws', '10'], 0, 'view'),
@@ -354,8 +357,9 @@ sys.meta_path.insert(0, Blocker())
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('command, module', [
     ([*MODULE, 'check', 'a.yaml'], 'numpy'), ([*MODULE, 'plan', 'a.yaml'], 'argparse'),
-    ([*MODULE, 'plan', 'a.yaml'], 'scipy'), ([*MODULE, 'node', 'planner'], 'rclpy'),
-    (SCRIPT, 'rclpy')])
+    ([*MODULE, 'plan', 'a.yaml'], 'scipy'),
+    pytest.param([*MODULE, 'node', 'planner'], 'rclpy', marks=NEEDS_ROS),
+    pytest.param(SCRIPT, 'rclpy', marks=NEEDS_ROS)])
 def test_a_signal_while_modules_load_ends_the_command_in_a_line(
         tmp_path, command, module, number):
     (tmp_path / 'sitecustomize.py').write_text(BLOCKER.format(name=module, patience=PATIENCE))

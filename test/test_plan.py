@@ -325,6 +325,11 @@ def test_a_plan_that_is_cut_and_continued_keeps_its_promise(scenario, data):
     assert (ended.promised_slots == plan.promised_slots)[:max(0, slot - 1)].all()
 
 
+def test_the_text_of_a_promise_says_until_when_its_receivers_are_predicted(plan):
+    assert replace(plan, promised_until=50.0).promise.text == (
+        '50 of 102 slots promised, until 50.0 s as far as receivers are predicted')
+
+
 def test_a_plan_without_a_promised_slot_has_no_mean_rate(plan, tmp_path):
     plan = replace(plan, promised_until=0.6)
     assert math.isnan(plan.promise.guaranteed_rate) and math.isnan(plan.promise.node_rates[0])
