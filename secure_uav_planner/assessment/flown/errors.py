@@ -67,7 +67,7 @@ class UavErrors(NamedTuple):
 
 
 def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
-    """Return the errors of a UAV, and its distances (K,) in m from its path at flight.times."""
+    """Return a UAV's errors, and its distances (K,) in m from the planned path at flight.times."""
     times, uav = flight.times, flight.plan.scenario.uavs[index]
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
