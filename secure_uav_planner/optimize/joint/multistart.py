@@ -34,8 +34,8 @@ STEPS = 37  # Newton steps from each of the first starts on the coarse grid.
 DISTINCT = 2e-4  # Relative difference in rate between distinct optima.
 AGREED = 0.7  # Share of the first starts in the best optimum that ends the multistart.
 GAP = 0.1  # Relative distance below the best rate within which starts are finished.
-POLISHED = 12  # The most starts that are polished.
 POLISH_MUS = (0.05, 0.01)  # Barrier parameters that polishes begin with, in shares of the rate.
+MOST_UAVS = 3  # The most UAVs with which starts of a single node are not ranked.
 CLOSE = 0.02  # Share, or units of rates, below the best up to which fly-hover-fly is finished.
 LOWERED = 0.3  # Ratio of the last barrier parameter and the least first one; several nodes only.
 HOPS = (8, 4)  # Starts that are kept for each round of hops.
@@ -50,18 +50,22 @@ class Search(NamedTuple):
     :param ranking: pairs of a share of the starts, the best, and a number of Newton steps that
         they take; each pair follows on the one before.
     :param gap: relative distance below the best rate within which starts are polished.
+    :param polished: the most starts that are polished.
     :param polish_steps: Newton steps of each polish, and of each hop.
     :param finished: the most starts that are finished on the full grid.
     """
 
     ranking: tuple[tuple[float, int], ...]
     gap: float
+    polished: int
     polish_steps: int
     finished: int
 
 
-FEW_UAVS = Search(((1.0, STEPS),), GAP, polish_steps=15, finished=2)
-SEVERAL_NODES = Search(((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polish_steps=25, finished=3)
+FEW_UAVS = Search(((1.0, STEPS),), GAP, polished=12, polish_steps=15, finished=2)
+MANY_UAVS = Search(((1.0, 16), (0.4, 21)), GAP, polished=12, polish_steps=15, finished=2)
+SEVERAL_NODES = Search(
+    ((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polished=12, polish_steps=25, finished=3)
 
 _LEVELS = (1.0, 0.1, 0.01, 0.001)  # Jamming levels of power control, in shares of limit_powers.
 _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid.
@@ -89,7 +93,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     driver.elevation_offset = _ELEVATION_OFFSETS[0] if counts_sights else 0.0
     grid, first, batches = _generate_coarse_starts(driver)
     is_single = len(incumbent.scenario.ground_nodes) == 1
-    search = FEW_UAVS if is_single else SEVERAL_NODES
+    is_small = len(incumbent.scenario.uavs) <= MOST_UAVS
+    search = SEVERAL_NODES if not is_single else FEW_UAVS if is_small else MANY_UAVS
     x, rates = _advance(driver, grid, *first, ((1.0, STEPS),))
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
               and (counts_sights
@@ -99,11 +104,11 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             for more_x, mu in batches:
                 more_x, more_rates = _advance(driver, grid, more_x, mu, search.ranking)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        near = select_best(rates, search.gap, POLISHED)
+        near = select_best(rates, search.gap, search.polished)
         x, rates = _polish(driver, grid, x[near], rates[near], search)
         if not is_single:
             x, rates = _hop(driver, grid, x, rates, search)
-        driver.optima = Optima(grid, x[select_best(rates, GAP, POLISHED)])
+        driver.optima = Optima(grid, x[select_best(rates, GAP, search.polished)])
     near = select_best(rates, GAP, 1 if agreed else search.finished)
     if is_single:
         fine = driver.refine_to_full_grid(grid, x[near], COARSE_MU)
