@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .exchange import improve_from_start, PLACES_MU
-from .interior_point import COARSE_MU, InteriorPointSolver, Optima, SolverDriver
+from .interior_point import COARSE_MU, InteriorPointSolver, Optima, SolverDriver, WARM_MU
 from .multistart import select_best
 from .starts import make_strictly_feasible
 from ..incumbent import Incumbent
@@ -91,14 +91,12 @@ def improve_within_energy(driver: SolverDriver, frees: Sequence[Incumbent],
     search = _drive_guaranteed(driver)
     plan = search.incumbent
     try:
-        grid, solver = _rank(search, list(_generate_starts(driver, frees, optima)))
-        finished = []
-        for start in select_best(solver.rates(), GAP, FINISHED):
-            with suppress(NumericalError):
-                fine = search.refine_to_full_grid(
-                    grid, solver.x[[start]], solver.mu[[start]], solver.prices[[start]])
-                search.finish(fine)
-                finished.append((fine.x[0], fine.prices[0]))
+        for solver in _rank(search, list(_generate_starts(driver, frees, optima))):
+            finished = list(_finish(search, solver))
+            if math.isfinite(plan.rate):
+                break
+        else:
+            raise_all(_refuse_budgets(incumbent.scenario, _measure(solver)[1].min(axis=0)))
     finally:
         if math.isfinite(plan.rate):
             incumbent.try_improve(plan.positions, plan.useful_powers)
@@ -139,27 +137,36 @@ def _drive_guaranteed(driver: SolverDriver) -> SolverDriver:
         incumbent.with_objective('guaranteed'))
 
 
-def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> tuple[Grid, InteriorPointSolver]:
+def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPointSolver]:
     """
-    Return a grid, and a solver on it of starts after some Newton steps.
+    Yield solvers of starts after some Newton steps, until one of them leads to a plan.
 
-    On a coarse grid flights take more energy. If none keeps the limits there, the full grid is
-    tried, and then the flights of least energy.
-
-    :raises InfeasibleMissionError: when no flights keep the limits of energy.
+    On a coarse grid flights take more energy. If it leads to no plan, the full grid is tried, and
+    then the flights of least energy.
     """
     full = driver.grid
     slots = max(COARSE_SLOTS, math.ceil(full.scenario.duration / SLOT_DURATION))
     grid = full.with_slots(min(full.slots, slots))
     solver = _advance(driver, grid, starts)
-    if grid.slots < full.slots and not solver.rates().any():
-        grid = full
-        solver = _advance(driver, grid, starts)
-    if not solver.rates().any():
-        solver = _advance(driver, grid, _find_least(solver))
-    if not solver.rates().any():
-        raise_all(_refuse_budgets(full.scenario, _measure(solver)[1].min(axis=0)))
-    return grid, solver
+    yield solver
+    if grid.slots < full.slots:
+        solver = _advance(driver, full, starts)
+        yield solver
+    yield _advance(driver, full, _find_least(solver))
+
+
+def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
+    """Yield variables and prices of a solver's best starts, finished on the full grid."""
+    rates = solver.rates()
+    for start in select_best(rates, GAP, FINISHED) if rates.any() else ():
+        with suppress(NumericalError):
+            fine = driver.refine_to_full_grid(
+                solver.grid, solver.x[[start]], solver.mu[[start]], solver.prices[[start]])
+            driver.finish(fine)
+            # Again with energies that are exact for the flights that were found.
+            fine = driver.build_solver(fine.grid, fine.x, WARM_MU, fine.prices)
+            driver.finish(fine)
+            yield fine.x[0], fine.prices[0]
 
 
 def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> InteriorPointSolver:
