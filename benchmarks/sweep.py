@@ -1,22 +1,22 @@
 """The effect of each tuned number of the joint method on rate and time."""
 
 import argparse
-from contextlib import ExitStack
+from contextlib import contextmanager
+from dataclasses import fields
 import sys
 import time
-from unittest.mock import patch
 
 import numpy as np
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint import exchange, interior_point, multistart, starts
+from secure_uav_planner.optimize.joint import settings
 from secure_uav_planner.optimize.joint.method import improve
 
 from .missions import random_mission
 
-_MODULES = multistart, starts, interior_point, exchange
+_GROUPS = {name: group for name, group in vars(settings).items() if name.isupper()}
 _LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
 
 
@@ -35,10 +35,7 @@ def main(arguments=None):
     reference_rates, reference_times = _measure_rates(scenarios)
     print('number, change: rate in the mean and in the worst mission, time in all')
     for name, value, changed in list_variants(options.numbers):
-        with ExitStack() as stack:
-            for module in _MODULES:
-                if vars(module).get(name) is value:
-                    stack.enter_context(patch.object(module, name, changed))
+        with _change(name, changed):
             rates, times = _measure_rates(scenarios)
         gains = (rates - reference_rates) / np.maximum(reference_rates, _LOW)
         print(f'{name}, {value} to {changed}: {gains.mean():+.2%} {gains.min():+.2%}, '
@@ -47,19 +44,33 @@ def main(arguments=None):
 
 
 def list_variants(names=None):
-    """Yield (name, value, changed value) for each number, halved and doubled."""
-    numbers = {name: value for module in _MODULES for name, value in vars(module).items()
-               if name.isupper() and not name.startswith('_')}
-    for name, value in numbers.items():
-        if not names or name in names:
-            for factor in (0.5, 2.0):
-                yield name, value, _scale(value, factor)
+    """Yield (name, value, changed value) for each number of the settings, halved and doubled."""
+    for group, numbers in _GROUPS.items():
+        for field in fields(numbers):
+            name = f'{group}.{field.name}'
+            if not names or name in names:
+                value = getattr(numbers, field.name)
+                for factor in (0.5, 2.0):
+                    yield name, value, _scale(value, factor)
+
+
+@contextmanager
+def _change(name, value):
+    """Change a number of the settings; a default of an argument keeps its own."""
+    group, _, field = name.partition('.')
+    before = getattr(_GROUPS[group], field)
+    object.__setattr__(_GROUPS[group], field, value)
+    try:
+        yield
+    finally:
+        object.__setattr__(_GROUPS[group], field, before)
 
 
 def _scale(value, factor):
     """Scale a number, of a share near 1 its distance from 1."""
     if isinstance(value, tuple):
-        return tuple(_scale(number, factor) for number in value)
+        numbers = [_scale(number, factor) for number in value]
+        return type(value)(*numbers) if hasattr(value, '_fields') else tuple(numbers)
     if isinstance(value, int):
         return max(1, round(value * factor))
     return 1 - (1 - value) / factor if 0.5 < value < 1 else value * factor

@@ -19,6 +19,7 @@ from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint import visit_search
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
+from secure_uav_planner.optimize.joint.settings import VISIT_SEARCH
 from secure_uav_planner.optimize.joint.starts import limit_powers
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
@@ -152,7 +153,7 @@ def test_changes_of_visits_keep_every_node_and_raise_the_estimates(monkeypatch):
         visits = visit_search._change(scenario, visits, visits, rng)
     np.testing.assert_array_equal(np.sort(visits.nodes, axis=1), [[0, 1, 2]] * 6)
     np.testing.assert_allclose(visits.ends[:, -1], 1.0)
-    monkeypatch.setattr(visit_search, 'CHANGES', 0)
+    monkeypatch.setattr(visit_search, 'VISIT_SEARCH', replace(VISIT_SEARCH, changes=0))
     drawn = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]
     monkeypatch.undo()
     changed = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]

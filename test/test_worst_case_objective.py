@@ -16,6 +16,7 @@ from secure_uav_planner.optimize.joint import exchange
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.method import improve
+from secure_uav_planner.optimize.joint.settings import DESCENT
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import scenarios, with_uavs
 
@@ -41,7 +42,7 @@ def test_its_rates_rise_and_end_no_lower_than_those_of_the_formula(scenario):
 
 
 def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out(monkeypatch):
-    monkeypatch.setattr(exchange, 'MOST_STEPS', 6)
+    monkeypatch.setattr(exchange, 'DESCENT', replace(DESCENT, most_steps=6))
     scenario = Scenario.paper(120.0, 30.0, 40)
     problem = Problem(scenario)
     incumbent = Incumbent(problem, fly_hover_fly_positions(problem), constant_powers(scenario),

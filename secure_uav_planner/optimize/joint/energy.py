@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .exchange import improve_from_start, PLACES_MU
-from .interior_point import COARSE_MU, InteriorPointSolver, Optima, SolverDriver, WARM_MU
+from .exchange import improve_from_start
+from .interior_point import InteriorPointSolver, Optima, SolverDriver
 from .multistart import select_best
+from .settings import Beginning, DESCENT, ENERGY, EXCHANGE
 from .starts import make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import InfeasibleMissionError, NumericalError
@@ -26,48 +27,8 @@ from ...model.limits import measure_energies
 from ...plan.plan import Status
 
 
-class Beginning(NamedTuple):
-    """
-    What Newton's method begins with.
-
-    A high barrier parameter leads past the nearest optimum. A high price keeps loiter circles, and
-    at a low price UAVs hover again.
-
-    :param mu: barrier parameter.
-    :param price: first price of every energy in units of rates per limit.
-    """
-
-    mu: float
-    price: float
-
-
-AS_THEY_ARE = (Beginning(0.01, 0.3), Beginning(0.03, 0.3), Beginning(0.03, 3.0))
-"""Beginnings of the best flights without limits of energy; other optima have the first one."""
-
-WITH_CIRCLES = (Beginning(0.03, 3.0), Beginning(0.03, 0.3), Beginning(0.03, 3.0))
-"""Beginnings of the best flights with each of CIRCLES; other optima have the last one."""
-
-DIRECT = Beginning(0.03, 0.03)
-"""Beginning of direct flights with loiter circles all the way, which take little energy."""
-
-LEAST = (Beginning(0.03, 10.0), Beginning(0.1, 30.0), Beginning(1.0, 300.0))
-"""Beginnings of the flights of least energy, if no start has kept all limits of energy."""
-
 CIRCLES = ((0.0, 1), (2 * math.pi / 3, -1), (4 * math.pi / 3, 1))
 """Loiter circles: bearing of the centre [rad], turn (+1 counterclockwise)."""
-
-SLOW = 0.25  # Share of max_speed below which a UAV hovers.
-CIRCLE_SPEED = 0.7  # Largest speed on circles, as a share of max_speed.
-TURNING = 0.6  # Largest acceleration across circles, as a share of max_acceleration.
-SPEEDING = 0.5  # Acceleration along circles, as a share of max_acceleration.
-
-OPTIMA = 3  # Largest number of further optima that are starts.
-COARSE_SLOTS = 100  # Least number of slots of the grid on which starts are ranked.
-SLOT_DURATION = 1.5  # Longest slots of that grid [s]. In long slots no circle is flown.
-SHARE = 0.01  # Share of each slack that a start keeps free.
-STEPS = 40  # Newton steps from each start before they are ranked.
-GAP = 0.2  # Relative distance below the best rate beyond which starts are not finished.
-FINISHED = 4  # Largest number of starts that are finished on the full grid.
 
 
 class _Start(NamedTuple):
@@ -104,17 +65,17 @@ def improve_within_energy(driver: SolverDriver, frees: Sequence[Incumbent],
         plan.try_idle_slots()  # As the plan of (P2) is returned, which (P1) is never below.
         incumbent.try_improve(plan.positions, plan.useful_powers)
         for x, prices in finished:
-            improve_from_start(driver, x, PLACES_MU, prices)
+            improve_from_start(driver, x, EXCHANGE.places_mu, prices)
     return 'converged'
 
 
 def improve_warm(driver: SolverDriver) -> Status:
     """Improve the incumbent of a SolverDriver, which keeps its limits of energy, as it is."""
     incumbent, grid = driver.incumbent, driver.grid
-    x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, SHARE,
+    x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
     status: Status = 'converged'
-    for mu, price in AS_THEY_ARE:
+    for mu, price in ENERGY.as_they_are:
         status = (driver.finish(driver.build_solver(grid, x[None], mu, price))
                   if incumbent.objective == 'guaranteed' else
                   improve_from_start(driver, x, mu, price))
@@ -145,7 +106,7 @@ def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPo
     then the flights of least energy.
     """
     full = driver.grid
-    slots = max(COARSE_SLOTS, math.ceil(full.scenario.duration / SLOT_DURATION))
+    slots = max(ENERGY.coarse_slots, math.ceil(full.scenario.duration / ENERGY.slot_duration))
     grid = full.with_slots(min(full.slots, slots))
     solver = _advance(driver, grid, starts)
     yield solver
@@ -158,13 +119,13 @@ def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPo
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
     """Yield variables and prices of a solver's best starts, finished on the full grid."""
     rates = solver.rates()
-    for start in select_best(rates, GAP, FINISHED) if rates.any() else ():
+    for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):
             fine = driver.refine_to_full_grid(
                 solver.grid, solver.x[[start]], solver.mu[[start]], solver.prices[[start]])
             driver.finish(fine)
             # Again with energies that are exact for the flights that were found.
-            fine = driver.build_solver(fine.grid, fine.x, WARM_MU, fine.prices)
+            fine = driver.build_solver(fine.grid, fine.x, DESCENT.warm_mu, fine.prices)
             driver.finish(fine)
             yield fine.x[0], fine.prices[0]
 
@@ -174,13 +135,14 @@ def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> Inte
     x, beginnings = [], []
     for positions, powers, beginning in starts:
         with suppress(NumericalError):
-            x.append(make_strictly_feasible(grid, positions, powers, SHARE, driver.raise_if_over))
+            x.append(make_strictly_feasible(
+                grid, positions, powers, ENERGY.share, driver.raise_if_over))
             beginnings.append(beginning)
     if not x:
         raise NumericalError('no flight strictly inside the limits was found')
     mu, prices = np.array(beginnings).T
     solver = driver.build_solver(grid, np.array(x), mu, prices[:, None])
-    driver.advance(solver, STEPS, COARSE_MU)
+    driver.advance(solver, ENERGY.steps, DESCENT.coarse_mu)
     driver.try_best(solver)
     return solver
 
@@ -197,7 +159,7 @@ def _find_least(solver: InteriorPointSolver) -> Iterator[_Start]:
     flights, energies = _measure(solver)
     least = energies.argmin(axis=0)
     powers = solver.grid.powers(solver.x[least[0]])
-    for beginning in LEAST:
+    for beginning in ENERGY.least:
         yield _Start(flights[least, np.arange(len(least))], powers, beginning)
 
 
@@ -207,13 +169,13 @@ def _generate_starts(driver: SolverDriver, frees: Sequence[Incumbent],
     flights = [(free.positions, free.powers, 3) for free in frees]
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
-        for x in optima.x[1:1 + OPTIMA]:
+        for x in optima.x[1:1 + ENERGY.optima]:
             flights.append((resample_flights(grid.positions(x), slots),
                             resample(grid.powers(x).T, slots, inner=True).T, 1))
     for positions, powers, count in flights:
-        for beginning in AS_THEY_ARE[:count]:
+        for beginning in ENERGY.as_they_are[:count]:
             yield _Start(positions, powers, beginning)
-        for circle, beginning in list(zip(CIRCLES, WITH_CIRCLES))[-count:]:
+        for circle, beginning in list(zip(CIRCLES, ENERGY.with_circles))[-count:]:
             circled = add_circles(driver.incumbent.scenario, positions, *circle)
             if not np.array_equal(circled, positions):
                 yield _Start(circled, powers, beginning)
@@ -225,7 +187,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
     for circle in CIRCLES:
         circled = add_circles(driver.incumbent.scenario, driver.grid.reference_flight, *circle,
                               slow=math.inf)
-        yield _Start(driver.incumbent.problem.retract(circled), powers, DIRECT)
+        yield _Start(driver.incumbent.problem.retract(circled), powers, ENERGY.direct)
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
@@ -239,7 +201,7 @@ def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissi
 
 
 def add_circles(scenario: Scenario, positions: Array, direction: float, sense: int,
-                slow: float = SLOW) -> Array:
+                slow: float = ENERGY.slow) -> Array:
     """
     Return flights with circles where UAVs hover, (U, N+2, 2) in m.
 
@@ -260,18 +222,18 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
         hovers = np.concatenate([[False], speeds < slow * uav.max_speed, [False]])
         ends = np.flatnonzero(np.diff(hovers.astype(int)))
-        gain = SPEEDING * uav.max_acceleration
+        gain = ENERGY.speeding * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
             # The highest speed at which a circle fits into the time.
-            top = min(CIRCLE_SPEED * uav.max_speed, 0.95 * times[-1] / (
-                1 / gain + 2 * np.pi / (TURNING * uav.max_acceleration)))
-            if top < SLOW * uav.max_speed:
+            top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
+                1 / gain + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
+            if top < ENERGY.slow * uav.max_speed:
                 continue
             speed = np.minimum(top, gain * np.minimum(times, times[-1] - times))
             covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
             turns = max(1, int(
-                covered[-1] / (2 * np.pi * top**2 / (TURNING * uav.max_acceleration))))
+                covered[-1] / (2 * np.pi * top**2 / (ENERGY.turning * uav.max_acceleration))))
             angles = sense * covered * (2 * np.pi * turns / covered[-1]) + away
             offsets = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             flight[first:last + 1] += covered[-1] / (2 * np.pi * turns) * (offsets[0] - offsets)

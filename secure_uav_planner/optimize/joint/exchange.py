@@ -10,8 +10,8 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from .interior_point import (
-    Discs, FIRST_PRICE, InteriorPointSolver, MOST_STEPS, Optima, SolverDriver, WARM_MU, WARM_SHARE)
+from .interior_point import Discs, InteriorPointSolver, Optima, SolverDriver
+from .settings import DESCENT, EXCHANGE
 from .starts import make_strictly_feasible
 from ...errors import NumericalError
 from ...mission.scenario import Array
@@ -21,20 +21,7 @@ from ...model.channel.shares import find_shares
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
-WORSE = 1e-7  # Least excess of a leak, in the grid's unit of rates, of a place that is worse.
-PLACES_MU = 0.02  # First barrier parameter of the exchange.
-PLACES_FINAL_MU = 1e-7  # Last barrier parameter of the exchange.
-FINAL_STEPS = 8  # Largest number of steps with the last barrier parameter.
-WORTH = 0.01  # Relative gain of the first round from which a second round pays.
-MORE_STEPS = 40  # Largest number of steps of the second round.
-EXPLORED = 6  # Largest number of optima of (P2) that are compared for (P1) on the coarse grid.
-EXPLORING_STEPS = 15  # Steps from each optimum that is compared.
-EXPLORING_MU = 0.01  # First barrier parameter of the comparison of optima.
-EXPLORING_FINAL_MU = 1e-4  # Last barrier parameter of the comparison of optima.
-EXPLORED_MU = 2e-3  # First barrier parameter on the full grid of the best optimum compared.
 
-_ANGLES = (0.0, 2.0, 4.0)  # Angles [rad] of a disc's first places from the worst place.
-_NEAR = 0.5  # Largest distance, in radii of the disc, of a place that the worst place replaces.
 _NAT = 1 / np.log(2)  # One nat, in bit.
 
 
@@ -47,28 +34,29 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
     """
     incumbent = driver.incumbent
     driver.raise_if_over()
-    x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               driver.raise_if_over)
-    status = improve_from_start(driver, x, WARM_MU if incumbent.warm else PLACES_MU)
+    x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
+                               DESCENT.warm_share, driver.raise_if_over)
+    mu = DESCENT.warm_mu if incumbent.warm else EXCHANGE.places_mu
+    status = improve_from_start(driver, x, mu)
     if optima is not None and len(optima.x) > 1:
         with suppress(NumericalError, np.linalg.LinAlgError):
             best = _explore(driver, optima)
-            fine = driver.refine_to_full_grid(optima.grid, best[None], EXPLORED_MU)
-            improve_from_start(driver, fine.x[0], EXPLORED_MU)
+            fine = driver.refine_to_full_grid(optima.grid, best[None], EXCHANGE.explored_mu)
+            improve_from_start(driver, fine.x[0], EXCHANGE.explored_mu)
     return status
 
 
 def improve_from_start(driver: SolverDriver, x: Array, mu: float,
-                       prices: float | Array = FIRST_PRICE) -> Status:
+                       prices: float | Array = DESCENT.first_price) -> Status:
     """Improve the incumbent from a start on the full grid, (N, U, 3), and prices of energies."""
     incumbent = driver.incumbent
     before = incumbent.rate
-    status, at_rest = _improve_once(driver, x, mu, MOST_STEPS, prices)
+    status, at_rest = _improve_once(driver, x, mu, DESCENT.most_steps, prices)
     # If places oscillated and the first round gained much, a second round may gain more.
-    if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
+    if not (at_rest or incumbent.warm or incumbent.rate < (1 + EXCHANGE.worth) * before):
         x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
-                                   WARM_SHARE, driver.raise_if_over)
-        _improve_once(driver, x, mu, MORE_STEPS, prices)
+                                   DESCENT.warm_share, driver.raise_if_over)
+        _improve_once(driver, x, mu, EXCHANGE.more_steps, prices)
     return status
 
 
@@ -76,16 +64,16 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
                   prices: float | Array) -> tuple[Status, bool]:
     """Improve the incumbent in one round; return the status, and True if places came to rest."""
     exchange = _Exchange(driver, driver.grid, x, mu, prices)
-    return driver.finish(exchange, PLACES_FINAL_MU, steps), exchange.at_rest
+    return driver.finish(exchange, EXCHANGE.places_final_mu, steps), exchange.at_rest
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
     """Return the iterate with the best rate in (P1) after a few steps from optima, (N, U, 3)."""
     best, rate = optima.x[0], 0.0
-    for x in optima.x[:EXPLORED]:
-        exchange = _Exchange(driver, optima.grid, x, EXPLORING_MU)
+    for x in optima.x[:EXCHANGE.explored]:
+        exchange = _Exchange(driver, optima.grid, x, EXCHANGE.exploring_mu)
         with suppress(NumericalError):
-            driver.advance(exchange, EXPLORING_STEPS, EXPLORING_FINAL_MU)
+            driver.advance(exchange, EXCHANGE.exploring_steps, EXCHANGE.exploring_final_mu)
         if exchange.rate > rate:
             best, rate = exchange.best, exchange.rate
     return best
@@ -101,8 +89,8 @@ class _Exchange:
     """
 
     def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float,
-                 prices: float | Array = FIRST_PRICE) -> None:
-        self.grid, self._tolerance = grid, WORSE * grid.rate
+                 prices: float | Array = DESCENT.first_price) -> None:
+        self.grid, self._tolerance = grid, EXCHANGE.worse * grid.rate
         self._places = WorstPlaces(grid, x)
         self._solver = InteriorPointSolver(
             grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
@@ -119,8 +107,12 @@ class _Exchange:
 
     @property
     def is_done(self) -> bool:
-        """Whether the solver is at rest or has taken FINAL_STEPS, since places may oscillate."""
-        return self.at_rest or self._last_steps >= FINAL_STEPS
+        """
+        Whether the solver is at rest or has taken EXCHANGE.final_steps.
+
+        Places may oscillate for ever.
+        """
+        return self.at_rest or self._last_steps >= EXCHANGE.final_steps
 
     @property
     def solver_time(self) -> float:
@@ -140,7 +132,7 @@ class _Exchange:
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
         self._solver.exchange(self._places.receivers, self._places.discs, worse)
-        self._last_steps += int(self._solver.mu[0] <= PLACES_FINAL_MU)
+        self._last_steps += int(self._solver.mu[0] <= EXCHANGE.places_final_mu)
         if self._places.rate > self.rate and not self._solver.over.any():
             self.best, self.rate = x.copy(), self._places.rate
         return 1
@@ -170,7 +162,7 @@ class WorstPlaces:
         worst, leaks = self._find_worst(x)
         offset = worst - self._centres
         # The SINRs of colluding eavesdroppers add up over all places, so each has one place only.
-        angles = _ANGLES[:1] if self._scenario.colluding else _ANGLES
+        angles = EXCHANGE.angles[:1] if self._scenario.colluding else EXCHANGE.angles
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                               for angle in angles])
         # (N, E, P, 2), P places for each disc.
@@ -185,8 +177,8 @@ class WorstPlaces:
         """
         Exchange a place of every disc and slot for the disc's worst place at x, (N, U, 3).
 
-        The worst place replaces the nearest place within _NEAR radii, whose dual carries over.
-        Without a near place, it replaces the place with the smallest leak, and only if it is
+        The worst place replaces the nearest place within EXCHANGE.near radii, whose dual carries
+        over. Without a near place, it replaces the place with the smallest leak, and only if it is
         worse: if its leak exceeds the largest leak to places, of its disc for colluding
         eavesdroppers and of all discs otherwise, by more than a tolerance.
 
@@ -202,7 +194,7 @@ class WorstPlaces:
         worse = leaks > tolerance + (counted.max(axis=2) if self._scenario.colluding else
                                      place_leaks.max(axis=1, keepdims=True))
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
-        near = distances.min(axis=-1) < _NEAR * self._radii
+        near = distances.min(axis=-1) < EXCHANGE.near * self._radii
         replaced = np.where(near, distances.argmin(axis=-1), counted.argmin(axis=-1))
         slot, eve = np.nonzero(near | worse)
         replaced = replaced[slot, eve]

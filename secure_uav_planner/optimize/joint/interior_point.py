@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .settings import DESCENT
 from .starts import refine
 from ..deadline import DeadlineCheck
 from ..incumbent import Incumbent
@@ -17,18 +18,6 @@ from ...model.limits import build_limits
 from ...model.limits.energy import compile_energies
 from ...plan.plan import Status
 
-COARSE_SLOTS = 40  # Slots of the coarse grid.
-COARSE_MU = 1e-3  # Barrier parameter that ends the coarse grid.
-FINAL_MU = 1e-8  # Barrier parameter that ends the full grid.
-REFINED_MU = 0.03  # Least first barrier parameter on a finer grid if interpolation is not centred.
-MOST_STEPS = 150  # Largest number of Newton steps on one grid.
-TRY_EVERY = 16  # Steps between proposals; a proposal takes as long as several steps.
-FIRST_PRICE = 0.03  # First price of a limited energy, in units of rates per limit.
-WARM_SHARE = 0.01  # Fraction by which an earlier plan is moved into the interior.
-WARM_MU = 1e-3  # First barrier parameter for an earlier plan.
-
-_REFINEMENT = 8  # Largest ratio of the numbers of slots of two successive grids.
-_MIDDLE_MU = 1e-4  # Barrier parameter that ends a grid between the coarse and the full one.
 
 Discs: TypeAlias = dict[str, NDArray[Any]]
 """The discs of eavesdroppers at places, by the names of core.pyi."""
@@ -60,7 +49,7 @@ class InteriorPointSolver:
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
                  raise_if_over: DeadlineCheck = lambda: None,
                  receivers: Receivers | None = None, discs: Discs | None = None,
-                 prices: float | Array = FIRST_PRICE) -> None:
+                 prices: float | Array = DESCENT.first_price) -> None:
         self.grid = grid
         self.raise_if_over = raise_if_over
         self.solver_time = 0.0
@@ -169,7 +158,7 @@ class SolverDriver:
         self.optima: Optima | None = None
 
     def build_solver(self, grid: Grid, x: Array, mu: float | Array,
-                     prices: float | Array = FIRST_PRICE) -> InteriorPointSolver:
+                     prices: float | Array = DESCENT.first_price) -> InteriorPointSolver:
         """Return an InteriorPointSolver that stops when the method must end."""
         return InteriorPointSolver(grid, x, mu, self.raise_if_over,
                                    Receivers.of(grid, self.elevation_offset), prices=prices)
@@ -178,16 +167,17 @@ class SolverDriver:
         """Take `steps` steps from every start, without looking whether the solver is done."""
         self._take_steps(solver, mu, steps, at_once=steps)
 
-    def descend(self, solver: Solver, mu: float, steps: int = MOST_STEPS) -> Status:
+    def descend(self, solver: Solver, mu: float, steps: int = DESCENT.most_steps) -> Status:
         """Take at most `steps` steps until a solver is done, without proposals."""
         return self._take_steps(solver, mu, steps)
 
-    def finish(self, solver: Solver, mu: float = FINAL_MU, steps: int = MOST_STEPS) -> Status:
+    def finish(self, solver: Solver, mu: float = DESCENT.final_mu,
+               steps: int = DESCENT.most_steps) -> Status:
         """Take at most `steps` steps until a solver is done, with proposals to the incumbent."""
-        return self._take_steps(solver, mu, steps, try_every=TRY_EVERY)
+        return self._take_steps(solver, mu, steps, try_every=DESCENT.try_every)
 
     def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array,
-                            prices: float | Array = FIRST_PRICE,
+                            prices: float | Array = DESCENT.first_price,
                             scale: float = 1.0) -> InteriorPointSolver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
@@ -202,9 +192,9 @@ class SolverDriver:
         while grid.slots < full:
             if grid is not coarse:
                 middle = self.build_solver(grid, x, mu, prices)
-                self.descend(middle, scale * _MIDDLE_MU)
+                self.descend(middle, scale * DESCENT.middle_mu)
                 x, mu, prices = middle.x, middle.mu, middle.prices
-            grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(DESCENT.refinement)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
             refined = [refine(grid, start, finer, self.raise_if_over) for start in x]
             inside = [start is not None for start in refined]
@@ -213,7 +203,7 @@ class SolverDriver:
             grid, mu, prices = finer, mu[inside], prices[inside]
             x = np.array([start for start in refined if start is not None])
             if grid.scenario.limits_acceleration or not grid.airspace.is_open:
-                mu = np.maximum(mu, scale * REFINED_MU)
+                mu = np.maximum(mu, scale * DESCENT.refined_mu)
         return self.build_solver(grid, x, mu, prices)
 
     def _take_steps(self, solver: Solver, mu: float, steps: int, at_once: int = 1,

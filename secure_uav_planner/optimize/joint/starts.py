@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from .settings import STARTS
 from .visit_search import generate_visits
 from .visits import log_uniform
 from ..deadline import DeadlineCheck
@@ -18,38 +19,6 @@ from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import build_limits, NormLimit
 from ...model.problem import Problem
 
-STARTS = 15  # Number of starts for each UAV.
-MOST_STARTS = 60  # The most starts for all UAVs.
-FIRST = 8  # Starts of the first batch; where they agree, the second is not begun.
-PLACES = 13  # Hovering places where flights around obstacles or UAVs must be found first.
-ENOUGH = 0.5  # Share of the first flights that a coarse grid must have room for.
-ALTERNATIVES = 8  # The most starts on alternative routes, which are in the first batch, too.
-DISTANCE = (0.03, 1.0)  # From targets to hovering places, in mean altitudes, log-uniform.
-JAMMING = (1e-4, 1e-2)  # Jamming powers in units of the average power, log-uniform.
-MU = (0.006, 0.05)  # Barrier parameters to begin with, log-uniform.
-MOST_POWER = 10.0  # Most power of jammers in starts [transmitter's average power].
-MORE_JAMMING = 0.05  # Jamming power of every fourth start, in units of the average power.
-CLOSE_MU = 3e-3  # Barrier parameter of every second start.
-WAY_PLACES = 128  # Number of random places around a ground node that a short way chooses from.
-WAY_DISTANCE = (0.03, 4.0)  # Ground nodes to these places, log-uniform [mean altitudes].
-
-VISITING = 1.5  # Ratio of the numbers of starts with several ground nodes and with one.
-VISIT_MU = 0.03  # Barrier parameter of starts that visit ground nodes, in shares of their rates.
-LEAST_MU = 3e-4  # Least barrier parameter of these starts; a node without a rate needs it.
-VISIT_SHARE = 0.01  # Share of each slack that starts keep free if they visit ground nodes.
-BASELINE_MU = 0.02  # Barrier parameter of the baseline as a start.
-SCALES = (0.1, 1.0)  # Range of the scale of barrier parameters with several ground nodes.
-HOP_WIDTH = (0.04, 1.0)  # Width of a hop's part of the flight, log-uniform [flights].
-HOP_SIZE = (0.03, 1.0)  # Length by which a hop moves one UAV, log-uniform [mean altitudes].
-HOP_JAMMING = 1.5  # Standard deviation of the logarithms by which a hop scales jamming powers.
-HOP_MU = (0.02, 0.15)  # Barrier parameters of hops in shares of the rate, log-uniform.
-
-_ON = 0.9  # Power of a UAV that transmits, in units of its average power.
-_SILENT = 1e-5  # Power of a silent UAV, in units of its average power.
-_MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
-_SHARE = 0.05  # Share of each slack that a start keeps free.
-_POWER_MARGIN = 0.2  # Ratio of the share for limits of powers and that for flights.
-_REFINED_SHARE = 1e-3  # Share of each slack that refined flights keep free.
 
 _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
@@ -77,7 +46,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     at = np.arange(count * uavs).reshape(count, uavs)
     targets = centres[target, at]
     targets[:, 0] = grounds[0, at[:, 0]]
-    distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, (count, uavs, 1))
+    distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
@@ -112,7 +81,8 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
             continue
         stop[:, 0] = grounds[orders[(number - number // 4) % len(orders)]]
         if number >= len(orders):
-            distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, (len(stop), 1))
+            distances = scenario.altitudes.mean() * log_uniform(
+                rng, STARTS.distance, (len(stop), 1))
             stop[:, 0] += distances * rng.normal(size=(len(stop), 2))
     return stops
 
@@ -124,8 +94,8 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     They are the shortest way from start to goal through random places around the nodes at which
     these win: without a jammer, places on the way between the nodes may not.
     """
-    rng, shape = np.random.default_rng(4), (len(nodes), WAY_PLACES)
-    distances = scenario.altitudes.mean() * log_uniform(rng, WAY_DISTANCE, (*shape, 1))
+    rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
+    distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
     distances[:, 0] = 0.0
     places = nodes[order][:, None] + distances * rng.normal(size=(*shape, 2))
     points = np.pad(places.reshape(1, -1, 2), ((0, 0), (1, 1), (0, 0)))
@@ -163,13 +133,15 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
         grid that can be finer.
     """
     scenario = grid.scenario
-    count = min(STARTS * len(scenario.uavs), MOST_STARTS)
+    count = min(STARTS.per_uav * len(scenario.uavs), STARTS.most)
     if len(scenario.ground_nodes) == 1:
         yield from _generate_random(grid, problem, baseline, count, raise_if_over)
         return
-    x, mu, scale = _generate_visiting(grid, baseline, round(VISITING * count), raise_if_over)
-    random_x, random_mu = next(_generate_random(grid, problem, baseline, PLACES, raise_if_over))
-    first = FIRST // 2
+    x, mu, scale = _generate_visiting(
+        grid, baseline, round(STARTS.visiting * count), raise_if_over)
+    random_x, random_mu = next(_generate_random(
+        grid, problem, baseline, STARTS.places, raise_if_over))
+    first = STARTS.first_batch // 2
     yield np.concatenate([random_x, x[:first]]), np.append(scale * random_mu, mu[:first])
     if len(x) > first:
         yield x[first:], mu[first:]
@@ -181,20 +153,20 @@ def _generate_visiting(grid: Grid, baseline: Array, count: int,
     Return starts that visit all ground nodes well, see visit_search.py.
 
     :return: the starts, (S, N, U, 3); the barrier parameters to begin with, (S,); and the scale of
-        barrier parameters, which is the best rate that is expected, within SCALES.
+        barrier parameters, which is the best rate that is expected, within STARTS.scales.
     """
     scenario, most = grid.scenario, limit_powers(grid.scenario)
     flights, powers, rates = generate_visits(grid, count - 1, most, raise_if_over)
     rates *= np.log(2) / grid.rate
-    scale = float(np.clip(rates.max(), *SCALES))
-    mus = np.maximum(VISIT_MU * rates, LEAST_MU)
+    scale = float(np.clip(rates.max(), *STARTS.scales))
+    mus = np.maximum(STARTS.visit_mu * rates, STARTS.least_mu)
     constant = np.repeat(most, grid.slots, axis=1)
     starts, kept = [], []
     for flight, power, mu in (*zip(flights, powers, mus),
-                              (baseline, constant, BASELINE_MU * scale)):
-        inside = find_interior(grid, flight, VISIT_SHARE, raise_if_over)
+                              (baseline, constant, STARTS.baseline_mu * scale)):
+        inside = find_interior(grid, flight, STARTS.visit_share, raise_if_over)
         if inside is not None:
-            starts.append(_scale(grid, inside, _ON * power, _SILENT))
+            starts.append(_scale(grid, inside, STARTS.on * power, STARTS.silent))
             kept.append(mu)
     x = np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3)
     return x, np.array(kept), scale
@@ -206,18 +178,19 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
-        places = problem.find_free_places(places[:PLACES], raise_if_over)
-        alternatives = list(_list_alternatives(problem, places[0]))[:ALTERNATIVES]
+        places = problem.find_free_places(places[:STARTS.places], raise_if_over)
+        alternatives = list(_list_alternatives(problem, places[0]))[:STARTS.alternatives]
     shortest = [(place, None, False) for place in places]
-    first = shortest[:FIRST] + [(places[0], *routes) for routes in alternatives]
+    first = shortest[:STARTS.first_batch] + [(places[0], *routes) for routes in alternatives]
     rng = np.random.default_rng(1)
     flights: list[tuple[Array, Array]] = []
-    for batch, size in ((first, len(first)), (shortest[FIRST:], count - FIRST)):
+    for batch, size in ((first, len(first)),
+                        (shortest[STARTS.first_batch:], count - STARTS.first_batch)):
         flights = [*_generate_flights(grid, problem, batch, raise_if_over), *flights]
-        if len(flights) < ENOUGH * len(first) and grid.slots < scenario.slots:
+        if len(flights) < STARTS.enough * len(first) and grid.slots < scenario.slots:
             raise NumericalError('the grid is too coarse for most flights')
         if not flights:
-            inside = find_interior(grid, baseline, _SHARE, raise_if_over)
+            inside = find_interior(grid, baseline, STARTS.share, raise_if_over)
             if inside is None:
                 raise NumericalError('no flight strictly inside the limits was found')
             flights = [(baseline, inside)]
@@ -236,7 +209,7 @@ def _generate_flights(grid: Grid, problem: Problem,
     for place, routes, opposite in batch:
         raise_if_over()
         flight = build_flights(problem, place, routes, raise_if_over)
-        inside = find_interior(grid, flight, _SHARE, raise_if_over, opposite)
+        inside = find_interior(grid, flight, STARTS.share, raise_if_over, opposite)
         if inside is not None:
             yield flight, inside
 
@@ -252,17 +225,17 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     :param flights: of each start, on the scenario's slots and on the grid.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
-    shares = np.full((len(flights), uavs, 1), _ON)
-    shares[:, 1:, 0] = log_uniform(rng, JAMMING, (len(flights), uavs - 1))
-    shares[1::4, 1:] = MORE_JAMMING
+    shares = np.full((len(flights), uavs, 1), STARTS.on)
+    shares[:, 1:, 0] = log_uniform(rng, STARTS.jamming, (len(flights), uavs - 1))
+    shares[1::4, 1:] = STARTS.more_jamming
     powers = np.repeat(shares * limit_powers(scenario), grid.slots, axis=-1)
-    mu = log_uniform(rng, MU, (len(flights),))
-    mu[1::2] = CLOSE_MU
+    mu = log_uniform(rng, STARTS.mu, (len(flights),))
+    mu[1::2] = STARTS.close_mu
     for number in range(3, len(flights), 4):
-        alone = find_powers_without_jamming(scenario, flights[number][0], _ON)
+        alone = find_powers_without_jamming(scenario, flights[number][0], STARTS.on)
         if alone is not None:
             powers[number, 0] = resample(alone[0], grid.slots, inner=True)
-    return _scale(grid, np.array([inside for _, inside in flights]), powers, _SILENT), mu
+    return _scale(grid, np.array([inside for _, inside in flights]), powers, STARTS.silent), mu
 
 
 def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
@@ -280,21 +253,22 @@ def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
     limits = [limit for limit in build_limits(grid) if isinstance(limit, NormLimit)]
     hopped, starts = [], []
     for number, variables in enumerate(x):
-        width = log_uniform(rng, HOP_WIDTH, ())
+        width = log_uniform(rng, STARTS.hop_width, ())
         part = np.exp(-0.5 * ((along - rng.random()) / width)**2) * (along > 0) * (along < 1)
         flights, powers = grid.positions(variables), grid.powers(variables)
-        length = scenario.altitudes.mean() * log_uniform(rng, HOP_SIZE, ())
+        length = scenario.altitudes.mean() * log_uniform(rng, STARTS.hop_size, ())
         flights[rng.integers(uavs)] += length * part[:, None] * rng.normal(size=2)
-        powers[1:] *= np.exp(HOP_JAMMING * rng.normal(size=(uavs - 1, 1)) * part[1:-1])
+        powers[1:] *= np.exp(STARTS.hop_jamming * rng.normal(size=(uavs - 1, 1)) * part[1:-1])
         for limit in limits:
             flights = limit.retract(flights)
-        inside = find_interior(grid, flights, _SHARE, raise_if_over)
+        inside = find_interior(grid, flights, STARTS.share, raise_if_over)
         if inside is not None:
             hopped.append(number)
-            starts.append(_scale(grid, inside, powers, _SILENT))
+            starts.append(_scale(grid, inside, powers, STARTS.silent))
     if not hopped:
         raise NumericalError('no flight strictly inside the limits was found')
-    return hopped, np.array(starts), rates[hopped] * log_uniform(rng, HOP_MU, (len(hopped),))
+    mus = rates[hopped] * log_uniform(rng, STARTS.hop_mu, (len(hopped),))
+    return hopped, np.array(starts), mus
 
 
 def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Routes, bool]]:
@@ -329,14 +303,14 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
     powers = resample(powers.T, grid.slots, inner=True).T
-    return _scale(grid, flights, powers, _POWER_MARGIN * share, share)
+    return _scale(grid, flights, powers, STARTS.power_margin * share, share)
 
 
 def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
-           share: float = _SHARE) -> Array:
+           share: float = STARTS.share) -> Array:
     """Return the variables of flights and powers, with powers made strictly feasible."""
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
-    most = 1 - _POWER_MARGIN * share
+    most = 1 - STARTS.power_margin * share
     power = np.clip(powers, least * limit_powers(grid.scenario), most * peak)
     power *= np.minimum(1, most * average / power.mean(axis=-1, keepdims=True))
     return grid.variables(flights[..., 1:-1, :], power)
@@ -344,11 +318,11 @@ def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
 
 def limit_powers(scenario: Scenario) -> Array:
     """
-    Return the powers of starts, (U, 1) in W: the average powers, of jammers MOST_POWER at most.
+    Return the powers of starts, (U, 1) in W: the average powers, limited for jammers.
 
     Any share of a larger jamming power would drown the transmitter.
     """
-    most = MOST_POWER * scenario.average_powers[0]
+    most = STARTS.most_power * scenario.average_powers[0]
     return np.minimum(scenario.average_powers, most)[:, None]
 
 
@@ -378,7 +352,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):
             if isinstance(limit, NormLimit):
-                positions = limit.retract(positions, _MARGIN)
+                positions = limit.retract(positions, STARTS.margin)
     return positions
 
 
@@ -387,5 +361,5 @@ def refine(grid: Grid, x: Array, finer: Grid, raise_if_over: DeadlineCheck) -> A
     x = grid.refine(x, finer.slots)
     positions = finer.positions(x)
     inside = (limit_acceleration(finer, positions) if grid.airspace.is_open else
-              move_inside(finer, positions, _REFINED_SHARE, raise_if_over))
+              move_inside(finer, positions, STARTS.refined_share, raise_if_over))
     return None if inside is None else finer.variables(inside[:, 1:-1], finer.powers(x))

@@ -8,6 +8,7 @@ of orders, places and durations are compared in the time of a few starts.
 import numpy as np
 from numpy.typing import NDArray
 
+from .settings import VISIT_SEARCH
 from .visits import draw_visits, fly_visits, log_uniform, Visits
 from ..deadline import DeadlineCheck
 from ..initial import list_orders
@@ -16,15 +17,6 @@ from ...model.channel import guaranteed_node_rates
 from ...model.grid import Grid
 from ...model.limits import build_limits, NormLimit
 
-DRAWN = 2  # Number of random visits for each start that is asked for.
-CHANGES = 60  # Changes that are tried for each of them.
-SLOTS = 24  # Slots of the grid on which changes are judged.
-SHIFT = (0.03, 1.0)  # Length by which a place is moved, log-uniform [mean altitudes].
-STRETCH = 0.3  # Standard deviation of the logarithms of durations in a change.
-LACK = 1e-4  # Mean rate [bit/s/Hz] that counts for a node that nearly has one.
-ROUNDS = 10  # Rounds in which the prices of the nodes are adapted for an estimate.
-PRICE_STEP = 0.5  # Step of the logarithms of prices in the first round.
-
 
 def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: DeadlineCheck
                     ) -> tuple[Array, Array, Array]:
@@ -32,20 +24,21 @@ def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: Deadli
     Return starts that visit all ground nodes, the best by estimate first.
 
     :param powers: powers of starts, (U, 1) in W, see limit_powers.
-    :param raise_if_over: called before each order and each round of changes; what it raises is passed on.
+    :param raise_if_over: called before each order and each round of changes; what it raises is
+        passed on.
     :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
         estimates of the least mean rates over weight in bit/s/Hz, (S,).
     """
     scenario, rng = grid.scenario, np.random.default_rng(5)
     orders = list_orders(
         scenario, scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0])
-    drawn = -(-DRAWN * count // len(orders))
+    drawn = -(-VISIT_SEARCH.drawn * count // len(orders))
     batches = []
     for order in orders:
         raise_if_over()
         batches.append(draw_visits(scenario, order, drawn, powers[:, 0], rng))
     visits = Visits(*map(np.concatenate, zip(*batches)))
-    coarse = grid.with_slots(min(grid.slots, SLOTS))
+    coarse = grid.with_slots(min(grid.slots, VISIT_SEARCH.slots))
     visits = _improve(coarse, visits, powers, rng, raise_if_over)
     flights = fly_visits(grid, visits)
     for limit in build_limits(grid):
@@ -63,7 +56,7 @@ def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator
              raise_if_over: DeadlineCheck) -> Visits:
     """Return visits after random changes, of which those that raise the estimate are kept."""
     drawn, estimates = visits, _estimate(grid, visits, fly_visits(grid, visits), powers)[0]
-    for _ in range(CHANGES):
+    for _ in range(VISIT_SEARCH.changes):
         raise_if_over()
         changed = _change(grid.scenario, visits, drawn, rng)
         new = _estimate(grid, changed, fly_visits(grid, changed), powers)[0]
@@ -91,7 +84,7 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     rates = rates.reshape(len(rates), len(flights), grid.slots)
     wins = np.asarray((rates > 0).any(axis=0))
     # A node without a rate counts by how little it lacks.
-    lacks = LACK * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
+    lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
     rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
     return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, wins
 
@@ -113,13 +106,13 @@ def _bound_least_rates(rates: Array) -> Array:
     prices = 1 / rates.mean(axis=-1)
     prices /= prices.sum(axis=1, keepdims=True)
     bounds = np.full(len(rates), np.inf)
-    for number in range(ROUNDS):
+    for number in range(VISIT_SEARCH.rounds):
         priced = prices[..., None] * rates
         most = priced.max(axis=1, keepdims=True)
         bounds = np.minimum(bounds, most.mean(axis=-1)[:, 0])
         gains = np.where(priced >= most, rates, 0.0).mean(axis=-1)
         gains /= gains.mean(axis=1, keepdims=True)
-        prices *= np.exp(-PRICE_STEP / (1 + number / 4) * (gains - 1))
+        prices *= np.exp(-VISIT_SEARCH.price_step / (1 + number / 4) * (gains - 1))
         prices /= prices.sum(axis=1, keepdims=True)
     return bounds
 
@@ -150,11 +143,12 @@ def _change(scenario: Scenario, visits: Visits, drawn: Visits, rng: np.random.Ge
         taken[..., None], drawn.places[source, at], places[starts, stop])
     shares[starts, stop] = np.where(taken, drawn.shares[source, at], shares[starts, stop])
 
-    moves = scenario.altitudes.mean() * log_uniform(rng, SHIFT, (count, 1)) * rng.normal(
-        size=(count, 2))
+    lengths = scenario.altitudes.mean() * log_uniform(rng, VISIT_SEARCH.shift, (count, 1))
+    moves = lengths * rng.normal(size=(count, 2))
     places[starts, stop, uav] += np.where((kind == 2)[:, None], moves, 0.0)
     louder = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
     shares[starts, stop, uav] *= np.exp(louder * rng.normal(size=count))
 
-    durations *= np.exp(STRETCH * (kind == 3)[:, None] * rng.normal(size=durations.shape))
+    stretches = VISIT_SEARCH.stretch * rng.normal(size=durations.shape)
+    durations *= np.exp((kind == 3)[:, None] * stretches)
     return Visits(nodes, places, shares, durations / durations.sum(axis=1, keepdims=True))

@@ -12,22 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .settings import VISITS
 from ...mission.scenario import Array, Scenario
 from ...model.channel import guaranteed_node_rates
 from ...model.grid import Grid
-
-SAMPLES = 1200  # Number of random configurations for each visit of an order.
-DRAWN = 4  # Each start is drawn from a random one in four of these samples.
-KEPT = 16  # Number of best samples of a visit that each start chooses from.
-DISTANCE = (0.03, 1.5)  # Jammers to eavesdroppers, log-uniform [mean altitudes].
-AWAY = (0.03, 4.0)  # Transmitter to the ground node, log-uniform [mean altitudes].
-JAMMING = (1e-4, 1.0)  # Powers of jammers, log-uniform, in shares of the powers of starts.
-REACH = (0.7, 1.0)  # Share of the largest speed at which places are in reach, uniform.
-FLYING = 0.6  # Share of the time between the middles of two visits in which UAVs fly on.
-LATE = 3.0  # What it costs a UAV to need twice that time, in logarithms of rates.
-EQUAL = 0.5  # Share of the flight that is divided equally; the rest is divided by need.
-JITTER = 0.5  # Standard deviation of the logarithms of the durations of visits.
-LEAST_RATE = 0.01  # Share of the largest rate of a visit that counts for every visit at least.
 
 
 class Visits(NamedTuple):
@@ -71,16 +59,16 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
         times = (ends - needs / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, times, powers, rng)
         rates = pool[2].max(axis=1)
-        durations = weights / np.maximum(rates, max(LEAST_RATE * rates.max(), 1e-9))
-        needs = EQUAL / len(order) + (1 - EQUAL) * durations / durations.sum()
+        durations = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
+        needs = VISITS.equal / len(order) + (1 - VISITS.equal) * durations / durations.sum()
     visit = np.arange(len(order))
-    durations = needs * np.exp(JITTER * rng.normal(size=(count, len(order))))
+    durations = needs * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
     all_ends = np.cumsum(durations / durations.sum(axis=1, keepdims=True), axis=1)
     places, shares = [], []
     for ends in all_ends:
         times = (ends - np.diff(ends, prepend=0.0) / 2) * scenario.times[-1]
-        drawn = rng.integers(DRAWN, size=pool[2].shape) == 0
-        kept = np.argsort(np.where(drawn, -pool[2], np.inf), axis=1)[:, :KEPT]
+        drawn = rng.integers(VISITS.drawn, size=pool[2].shape) == 0
+        kept = np.argsort(np.where(drawn, -pool[2], np.inf), axis=1)[:, :VISITS.kept]
         some_places, some_shares, some_rates = (values[visit[:, None], kept] for values in pool)
         best = _choose_sequence(scenario, some_places, some_rates, times)
         places.append(some_places[visit, best])
@@ -92,40 +80,41 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
 def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
                            rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """
-    Return C random configurations to serve each of some ground nodes at times (V,) in s.
+    Return C = VISITS.samples random configurations for each of some visits at times (V,) in s.
 
-    :param order: numbers of the nodes, V.
-    :param powers: powers of starts, (U,) in W.
-    :return: places of the UAVs, (V, U, 2) in m; shares of the powers, (V, U); the node's rate in
-        bit/s/Hz, (V,).
+    :param order: numbers of the ground nodes that are visited, V.
+    :param powers: largest power of each UAV, (U,) in W.
+    :return: places of the UAVs, (V, C, U, 2) in m; powers as shares of the largest, (V, C, U);
+        rate of the node that is visited in bit/s/Hz, (V, C).
     """
     visit, uavs = np.arange(len(order)), len(scenario.uavs)
     grounds, centres, _ = scenario.receivers_at(times)
-    heard = np.concatenate([centres, grounds[list(scenario.listeners)]])
-    shape = len(order), SAMPLES, uavs
-    targets = heard[rng.integers(len(heard), size=shape), visit[:, None, None]]
+    receivers = np.concatenate([centres, grounds[list(scenario.listeners)]])
+    shape = len(order), VISITS.samples, uavs
+    targets = receivers[rng.integers(len(receivers), size=shape), visit[:, None, None]]
     targets[:, :, 0] = grounds[order, visit][:, None]
-    distances = scenario.altitudes.mean() * log_uniform(rng, DISTANCE, shape)
-    distances[..., 0] = scenario.altitudes.mean() * log_uniform(rng, AWAY, shape[:2])
+    distances = scenario.altitudes.mean() * log_uniform(rng, VISITS.distance, shape)
+    distances[..., 0] = scenario.altitudes.mean() * log_uniform(rng, VISITS.away, shape[:2])
     places = _keep_in_reach(
         scenario, targets + distances[..., None] * rng.normal(size=targets.shape),
-        times[:, None, None], rng.uniform(*REACH, (*shape[:2], 1)))
-    shares = log_uniform(rng, JAMMING, shape)
+        times[:, None, None], rng.uniform(*VISITS.reach, (*shape[:2], 1)))
+    shares = log_uniform(rng, VISITS.jamming, shape)
     shares[..., 0] = 1.0
     flights = np.pad(places.reshape(-1, uavs, 2).swapaxes(0, 1), ((0, 0), (1, 1), (0, 0)))
     rates = guaranteed_node_rates(
-        scenario, flights, (shares * powers).reshape(-1, uavs).T, times=np.repeat(times, SAMPLES))
+        scenario, flights, (shares * powers).reshape(-1, uavs).T,
+        times=np.repeat(times, VISITS.samples))
     return places, shares, rates.reshape(-1, *shape[:2])[order, visit]
 
 
 def _choose_sequence(scenario: Scenario, places: Array, rates: Array, times: Array) -> list[int]:
     """Return which configuration (V, C) each visit takes, so that UAVs have time to fly on."""
-    values = np.log(np.maximum(rates, max(LEAST_RATE * rates.max(), 1e-9)))
+    values = np.log(np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9)))
     total, choices = values[0], []
     for before, here, value, time in zip(places, places[1:], values[1:], np.diff(times)):
         way = np.linalg.norm(before[:, None] - here, axis=-1) / scenario.max_speeds
-        late = np.maximum(way.max(axis=-1) / (FLYING * time) - 1, 0.0)
-        sums = total[:, None] - LATE * late
+        late = np.maximum(way.max(axis=-1) / (VISITS.flying * time) - 1, 0.0)
+        sums = total[:, None] - VISITS.late * late
         choices.append(sums.argmax(axis=0))
         total = sums.max(axis=0) + value
     best = [int(total.argmax())]
