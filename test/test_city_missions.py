@@ -233,12 +233,11 @@ def count_checks(scenario):
     return clock.calls
 
 
-@pytest.mark.parametrize('error', [StoppedError('stop'), TimeLimitError('late')])
-def test_a_search_for_first_flights_ends_as_soon_as_a_check_says_so(error):
+def test_a_search_for_first_flights_ends_as_soon_as_a_check_says_so():
     scenario = random_city_mission(2, slots=60)
     for calls in range(1, count_checks(scenario) + 1):
-        clock = Clock(error, calls)
-        with pytest.raises(type(error)):
+        clock = Clock(StoppedError('stop'), calls)
+        with pytest.raises(StoppedError):
             fly_hover_fly_positions(Problem(scenario), clock)
         assert clock.calls == calls
 

@@ -120,11 +120,6 @@ def test_the_planner_plans_before_the_first_clock_while_it_stands_still_and_afte
                      client.call('planner/plan').message, what='a refusal')
             wait_for(lambda: plans_between(10.0, 900.0), what='a plan after the jump')
             wait_for(lambda: 0.0 <= client.status.plan.age < 900.0, what='a new age')
-            clock.running = False
-            solving = until_solving(client)
-            assert client.call('planner/cancel').success
-            wait_for(solving.done)
-            assert solving.result().message.startswith('cancelled')
 
 
 def test_replay_waits_for_a_clock_holds_while_it_stands_and_no_jump_of_it_moves_a_uav(

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
-from ros_client import node_here, PATIENCE, stamp_at, wait_for, wait_for_line
+from ros_client import node_here, PATIENCE, stamp_at, wait_for
 from secure_uav_planner import GroundNode, Plan, solve
 from secure_uav_planner.model.channel import secrecy_node_rates
 from secure_uav_planner.plan.playback import Playback
@@ -14,7 +13,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import SecurePlanner
 from secure_uav_planner.ros.topics import LATCHED
 from simulation import Simulation
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, String
 from test_ground_nodes import distrust, make_mission
 
 NAMES = ['barn', 'cart']
@@ -105,20 +104,6 @@ def test_the_rate_of_a_moment_counts_the_shares_of_its_slot_and_where_nodes_are(
         rates = np.maximum(secrecy_node_rates(scenario, flown.positions, flown.powers, place), 0)
         assert [Playback(flown).secrecy_rate(time, place)
                 for time in flown.times[1:-1]] == pytest.approx((plan.shares * rates).sum(axis=0))
-
-
-def test_the_replay_publishes_the_rate_of_the_moment(client, plan, tmp_path):
-    plan.save(tmp_path / 'plan.json')
-    rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
-    poses = [client.listen(PoseStamped, f'{uav.name}/setpoint/pose', 1)
-             for uav in plan.scenario.uavs]
-    with node_here('replay', plan_file=tmp_path / 'plan.json', speed=20.0, rate=50.0,
-                   true_eavesdropper='[204.0, 3.0]') as process:
-        wait_for(lambda: client.call('replay/start').success and poses)
-        line = wait_for_line(process, 'bit/s/Hz on average')
-    average = float(line.split('bit/Hz, ')[1].split(' bit/s/Hz')[0])
-    flown = [message.data for message in rates]
-    assert len(flown) > 50 and np.mean(flown) == pytest.approx(average, rel=0.15)
 
 
 def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, plan, tmp_path):

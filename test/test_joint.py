@@ -151,9 +151,8 @@ def test_the_callback_stops_the_run_with_the_best_plan_so_far(objective, calls):
     assert plan.rate >= max(iteration.rate for iteration in iterations) - 5e-6
 
 
-@pytest.mark.parametrize('ending', ['callback', 'failure'])
-@pytest.mark.parametrize('steps', [10, 36, 45])
-def test_whatever_ends_the_run_the_best_iterate_counts(monkeypatch, ending, steps):
+@pytest.mark.parametrize('steps', [0, 10, 36, 45])
+def test_where_the_solver_fails_the_best_iterate_counts(monkeypatch, steps):
     """Fly-hover-fly has 2.13, and the first start 2.5 after ten steps."""
     advance, numbers = InteriorPointSolver.advance, count(1)
 
@@ -162,12 +161,10 @@ def test_whatever_ends_the_run_the_best_iterate_counts(monkeypatch, ending, step
             raise NumericalError('no Newton step could be computed')
         return advance(solver, 1, final)
 
-    if ending == 'failure':
-        monkeypatch.setattr(InteriorPointSolver, 'advance', fail_later)
-    plan = solve(Scenario.paper(1000.0, 10.0, slots=1000),
-                 on_iteration=lambda iteration: ending == 'callback' and iteration.number == steps)
-    assert plan.status == {'callback': 'cancelled', 'failure': 'numerical_trouble'}[ending]
-    assert plan.rate > (4.2 if steps > 30 else 2.5)
+    monkeypatch.setattr(InteriorPointSolver, 'advance', fail_later)
+    plan = solve(Scenario.paper(1000.0, 10.0, slots=1000))
+    assert plan.status == 'numerical_trouble'
+    assert plan.rate > (4.2 if steps > 30 else 2.5 if steps else 2.1)
     assert plan.history[-1].rate == pytest.approx(plan.rate, rel=1e-9)
 
 
@@ -192,26 +189,6 @@ def test_the_largest_scenarios_end_at_their_deadline(uavs, eavesdroppers, slots)
     scenario = make_crowd(uavs, eavesdroppers, slots)
     plan = solve(scenario, method='joint', time_limit=1.0)
     assert plan.status == 'time_limit'
-
-
-@pytest.mark.parametrize('healthy', [0, 3, 10])
-def test_numerical_failures_cost_steps_and_not_the_plan(monkeypatch, healthy):
-    calls = []
-    advance = InteriorPointSolver.advance
-
-    def fail_later(barrier, *arguments):
-        calls.append(arguments)
-        if len(calls) > healthy:
-            raise NumericalError('no Newton step could be computed')
-        return advance(barrier, *arguments)
-
-    monkeypatch.setattr(InteriorPointSolver, 'advance', fail_later)
-    scenario = Scenario.paper(102)
-    plan = solve(scenario, method='joint')
-    assert isinstance(plan, Plan)
-    # Once the best plan is finished, only its polish is lost.
-    assert plan.status == 'numerical_trouble' or healthy == 10
-    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
 
 
 def test_the_default_method_does_not_import_cvxpy():

@@ -6,7 +6,7 @@ import re
 import shutil
 import warnings
 
-from hypothesis import given, HealthCheck, settings
+from hypothesis import example, given, HealthCheck, settings
 import matplotlib
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from secure_uav_planner.output.tables import assessment_table, rate_table, save_
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import SEEDS, whole_missions
+from test_mission_file import RICH
 import yaml
 
 PICTURES = 30, 60, 90  # Of every 100 missions, those of which all pictures are drawn.
@@ -126,12 +127,17 @@ def check_parameters(scenario):
     fields = dict(made.mission)
     for zone, original in zip(fields.pop('no_fly_zones'), scenario.no_fly_zones, strict=True):
         assert replace(zone, name='') == replace(original, name='')
+    if scenario.origin is not None:  # Its altitude is only for files of zones.
+        scenario = replace(scenario, origin=replace(scenario.origin, altitude=None))
     for field, value in fields.items():
         assert value == getattr(scenario, field), field
     for name, node in zip(values['ground_nodes'], scenario.ground_nodes, strict=True):
         assert values['tracks'].get(name) == node.track
         assert (values[f'{name}.weight'], values[f'{name}.trusted']) == (
             node.weight, node.trusted)
+    for name, eve in zip(values['eavesdroppers'], scenario.eavesdroppers, strict=True):
+        assert values['tracks'].get(name) == eve.track
+        assert eve.track or values[f'{name}.error_radius'] == eve.error_radius
 
 
 def check_pictures(plan):
@@ -173,6 +179,7 @@ def test_any_mission_goes_through_everything(tmp_path, count):
 
     @settings(max_examples=count)
     @given(whole_missions(), SEEDS)
+    @example(RICH, 0)
     def check(scenario, seed):
         planned.append(check_mission(
             tmp_path, scenario, seed, len(planned) % 100 in PICTURES))

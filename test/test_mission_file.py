@@ -7,8 +7,6 @@ from pathlib import Path
 import pickle
 import re
 
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import (
     Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Plan, Propulsion,
@@ -18,7 +16,6 @@ from secure_uav_planner.errors import MissionFileError
 from secure_uav_planner.mission.fields import Number, Pair
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
 from secure_uav_planner.output.tables import save_csv
-from strategies import missions
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -78,19 +75,7 @@ def check_problems(problems, expected):
         assert line == wanted_line and part in text, (line, text, part)
 
 
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp('missions')
-
-
-@given(missions(), st.sampled_from(['a.yaml', 'a.json', 'a.yml', 'a']))
-def test_a_mission_survives_its_file(folder, scenario, name):
-    scenario.save(folder / name)
-    again = Scenario.load(folder / name)
-    assert again == scenario and hash(again) == hash(scenario)
-
-
-@pytest.mark.parametrize('name', ['a.yaml', 'a.json'])
+@pytest.mark.parametrize('name', ['a.yaml', 'a.json', 'a.yml', 'a'])
 def test_all_fields_survive_a_file(tmp_path, name):
     for members in ((RICH,), RICH.ground_nodes, RICH.eavesdroppers, RICH.uavs,
                     (RICH.uavs[0].propulsion,), RICH.no_fly_zones, (RICH.channel,),
@@ -98,7 +83,8 @@ def test_all_fields_survive_a_file(tmp_path, name):
         for field in fields(members[0]):
             assert {getattr(member, field.name) for member in members} - {field.default}
     RICH.save(tmp_path / name)
-    assert Scenario.load(tmp_path / name) == RICH
+    again = Scenario.load(tmp_path / name)
+    assert again == RICH and hash(again) == hash(RICH)
     for word in ('yes', '1e3', 'null', '01', '1:30', '<<', '~', "o'neill", 'ü: "x" #', ' a '):
         odd = replace(RICH, uavs=(replace(RICH.uavs[0], name=word), RICH.uavs[1]))
         odd.save(tmp_path / name)

@@ -203,7 +203,7 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
     assert disc[2] - 2 <= places[0][1] <= disc[3] + 2
 
 
-def test_map_and_charts_fill_the_width_of_any_screen_and_nothing_is_cut(screen):
+def test_any_screen_is_filled_and_scrolled_and_no_text_is_cut_or_covers_another(screen):
     width, scrolled, left, map_width, chart_left, chart_width = screen.execute_script("""
         const {xaxis, xaxis2} = document.getElementById('plan')._fullLayout;
         return [visualViewport.width, document.documentElement.scrollWidth, xaxis._offset,
@@ -213,8 +213,15 @@ def test_map_and_charts_fill_the_width_of_any_screen_and_nothing_is_cut(screen):
         assert chart_left < 100 and map_width > 0.5 * width
     else:
         assert 60 < chart_left - left - map_width < 0.15 * width
-    assert left >= 60 and all(
-        -1 <= box[0] and box[1] <= width + 1 for _, *box in screen.execute_script(TEXTS))
+    texts = screen.execute_script(TEXTS)
+    assert left >= 60 and all(-1 <= box[0] and box[1] <= width + 1 for _, *box in texts)
+    assert len(texts) > 10 and {'start', 'goal'} <= {text for text, *_ in texts}
+    for (text, *first), (neighbour, *second) in combinations(texts, 2):
+        over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
+                for end in (1, 3)]
+        assert min(over) < 3.0, (text, neighbour)
+    assert screen.execute_script('return getComputedStyle(document.querySelector('
+                                 '"#plan .nsewdrag")).touchAction') != 'none'
 
 
 def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
@@ -242,14 +249,3 @@ def test_the_axis_of_powers_ends_just_below_the_least_and_a_baseline_has_one_lin
     dashes = {(trace.legendgroup, trace.line.dash) for trace in page.data
               if trace.line.color == '#808080'}
     assert dashes == {(plan.method, 'dot'), (baseline.method, 'dash')}
-
-
-def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(screen):
-    texts = screen.execute_script(TEXTS)
-    assert len(texts) > 10 and {'start', 'goal'} <= {text for text, *_ in texts}
-    for (text, *first), (neighbour, *second) in combinations(texts, 2):
-        over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
-                for end in (1, 3)]
-        assert min(over) < 3.0, (text, neighbour)
-    assert screen.execute_script('return getComputedStyle(document.querySelector('
-                                 '"#plan .nsewdrag")).touchAction') != 'none'

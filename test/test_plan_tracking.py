@@ -348,20 +348,6 @@ def test_each_slot_of_a_gap_is_told_also_by_a_planner_that_was_restarted_inside_
     assert state.outcome.level == DiagnosticStatus.OK
 
 
-def test_the_slots_that_a_late_flight_flies_are_not_in_the_numbers_of_its_plan():
-    first, _ = gap_plan()
-    plan = replace(first, promised_until=90.0)
-    tracking = tracking_of(plan, now=10**9)
-    report(tracking, plan, *((10**9 + time, time) for time in (10.0, 20.0, 33.0)))
-    assert tracking.check_promise(10**9 + 33.0) is None
-    report(tracking, plan, (10**9 + 34.0, 33.1))
-    ended = tracking.check_promise(10**9 + 34.0)
-    assert ended.identity == plan.identity and ended.promised_slots.sum() == 2
-    assert tracking.check_promise(10**9 + 34.0) is None  # It has ended for good.
-    text, = tracking.status(SETTINGS, 10**9 + 34.0)[0]
-    assert 'ended at 20.0 s: the flight is 0.9 s later than the receivers' in text
-
-
 @given(st.floats(5.0, 100.0), st.floats(0.05, 4.0), st.floats(0.1, 1.5))
 def test_a_planner_ends_a_promise_in_the_slot_in_which_its_follower_does(
         pause, braking, period):

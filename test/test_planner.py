@@ -9,7 +9,6 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
-import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client, node_here, node_process, seconds, wait_for
@@ -370,13 +369,3 @@ def test_the_bound_follows_the_plan_and_a_request_stops_it_first_and_if_it_fails
         assert client.status.plan.claim in client.statuses[-1].text
         assert any(status.plan.identity and status.plan.stamp != first
                    and status.plan.bound is None for status in client.statuses)
-
-
-def test_a_limit_of_acceleration_is_used_up_and_kept(client):
-    with node_here('planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
-                   uav2__max_acceleration=2.0):
-        trajectories = client.listen(MultiDOFJointTrajectory, 'uav1/trajectory')
-        client.plan_paper()
-        wait_for(lambda: trajectories)
-    accelerations = [point.accelerations[0].linear for point in trajectories[-1].points]
-    assert 1.5 < np.hypot(*np.transpose([(at.x, at.y) for at in accelerations])).max() < 2.00001

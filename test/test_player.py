@@ -287,20 +287,6 @@ def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(pla
     assert bench.player.playback.plan is revised
 
 
-@pytest.mark.parametrize('jump', [-30.0, 30.0])
-def test_a_jump_of_the_clock_does_not_move_the_setpoints(plan, jump):
-    bench = Bench(plan)
-    bench.player.start()
-    before = bench.run(30.0)
-    bench.now += round(jump * SECOND)
-    after = bench.run(STEP)
-    assert np.linalg.norm(after.positions - before.positions, axis=1).max() <= 5.0 + 1e-9
-    if jump < 0:
-        assert after.positions == pytest.approx(before.positions)
-    bench.run(150.0)
-    assert bench.player.ended and bench.player.largest_jump < 1e-9
-
-
 @pytest.mark.parametrize('step', [STEP, 0.43])
 @pytest.mark.parametrize('speed', [1.0, 40.0])
 def test_the_delivered_information_does_not_depend_on_the_playback_speed(plan, step, speed):
@@ -366,9 +352,10 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(seconds=st.floats(-100.0, 100.0))
     def jump(self, seconds):
-        # The time that passed is unknown: at most that of a tick.
+        # The time that passed is unknown: at most `longest`, and none where the clock is set back.
         self.bench.now += round(seconds * SECOND)
-        self.observe(self.player.tick(self.bench.now, self.speed, is_ready=False), 1.0)
+        self.observe(self.player.tick(self.bench.now, self.speed, is_ready=False),
+                     min(max(0.0, seconds), 0.5))
 
     @rule(speed=st.sampled_from([0.5, 1.0, 1.0, 1.0, 3.0]))
     def play_at(self, speed):

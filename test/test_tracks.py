@@ -13,7 +13,6 @@ from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
-from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import missions, random_flight, SEEDS
 
 PLACED = {'position': None, 'error_radius': None}  # By a track.
@@ -115,14 +114,6 @@ def test_a_constant_track_is_the_same_as_no_track():
     ours, theirs = solve(still), solve(scenario)
     assert ours.rate == theirs.rate
     assert (ours.positions == theirs.positions).all()
-
-
-def test_the_tail_of_a_plan_and_its_continuation_keep_the_tracks_in_time(driving):
-    plan = solve(driving, objective='guaranteed')
-    tail = cut_tail(plan, 50)
-    np.testing.assert_allclose(tail.guaranteed_rates, plan.guaranteed_rates[50:], atol=1e-9)
-    whole = continue_plan(plan, 50, tail)
-    np.testing.assert_allclose(whole.guaranteed_rates, plan.guaranteed_rates, atol=1e-9)
 
 
 def test_an_assessment_moves_the_eavesdropper_and_a_wrong_speed_breaks_the_promise(driving):

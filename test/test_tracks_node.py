@@ -171,7 +171,7 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
 def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction(
         client, monkeypatch):
     """Before, such a plan without a promised slot was OK, with a guaranteed rate of 0."""
-    solve, seconds = Job.solve, [10.0]
+    solve, seconds = Job.solve, [5.0]
 
     def solve_slowly(job, *arguments):
         plan = solve(job, *arguments)
@@ -179,7 +179,7 @@ def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction
         return plan
 
     monkeypatch.setattr(Job, 'solve', solve_slowly)
-    with node_here('planner', duration=120.0, slots=120, prediction_horizon=8.0,
+    with node_here('planner', duration=120.0, slots=120, prediction_horizon=4.0,
                    pose_timeout=60.0):
         client.send_pose('ground_node/pose', 0, 0)
         client.send_odometry('eavesdropper/odom', 200.0, 0.0, (0.0, 1.0))
