@@ -115,17 +115,21 @@ def test_the_slots_that_were_broken_in_a_log_are_found(plan, flight, tmp_path):
     assert comparison.to_dict()['powers_from'] == 'log'
 
 
-def test_a_jump_of_the_frame_cuts_the_flight_at_its_second_and_is_told(plan, flight, tmp_path):
-    source = write_logs(flight.add(jump_at=60.0, jump=(3.0, 0.0)), 'ulg', tmp_path,
-                        reset_at=60.0)
-    comparison = compare(plan, read_flight(source, plan, shifts=ORIGINS))
+@pytest.mark.parametrize('kind', ['ulg', 'BIN', 'mcap', 'csv'])
+def test_a_jump_of_the_frame_cuts_the_flight_at_its_second_and_is_told(
+        kind, plan, flight, tmp_path):
+    source = write_logs(flight.add(jump_at=60.0, jump=(3.0, 0.0)), kind, tmp_path,
+                        **({'reset_at': 60.0} if kind == 'ulg' else {}))
+    comparison = compare(plan, read_flight(
+        source, plan, shifts=ORIGINS if kind in ('ulg', 'BIN') else {}))
     for name, errors in comparison.uavs.items():
         assert errors.error_max_time_s > 59.0
         assert errors.jumps_s == pytest.approx([59.9], abs=0.11)
         [note] = [note for note in comparison.flight.notes
                   if note.startswith(name) and 'jumps' in note]
         seconds = float(note.split(' (')[1].split(' s')[0])
-        assert seconds - (100.0 if name == 'uav1' else 103.0) == pytest.approx(59.9, abs=0.11)
+        begin = {'mcap': 6.0, 'csv': START_NS * 1e-9}.get(kind, 100.0 + 3.0 * (name == 'uav2'))
+        assert seconds - begin == pytest.approx(59.9, abs=0.11)  # By the clock of the log.
 
 
 def test_origins_on_earth_place_the_logs(plan, flight, tmp_path):

@@ -190,12 +190,6 @@ def flown_errors(track):
             for index, uav in enumerate(track.plan.scenario.uavs)}
 
 
-def test_a_jump_of_the_frame_comes_back_from_logs_at_its_second(track, tmp_path):
-    for kind, comparison in compare_logs(track.add(jump_at=25.0, jump=(3.0, 0.0)), tmp_path):
-        for errors in comparison.uavs.values():
-            assert errors.jumps_s == pytest.approx([25.0], abs=0.1), kind
-
-
 def test_the_slots_that_broke_in_physics_are_found_in_every_log(plan, track, tmp_path):
     positions = track.positions.copy()
     away = 80.0 * np.sin(np.clip((track.times - 14.0) / 10.0, 0.0, 1.0) * math.pi)**2
