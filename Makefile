@@ -25,7 +25,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 	mission_file plan playback planner relay replay restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test test-slow without-ros sanitize fuzz bench fly numbers soak study docs wheel compat clean
+.PHONY: demo test test-slow without-ros sanitize fuzz bench bench-users fly numbers soak study docs wheel compat clean
 
 MISSION ?= paper
 
@@ -73,8 +73,13 @@ compat-%: .venv-%/.check
 	AMENT_PREFIX_PATH=$(CURDIR)/.venv-$* .venv-$*/bin/python -m pytest -n 2 --dist loadfile \
 		$(COMPAT_TESTS)
 
-bench: $(VENV)/.benchmarks
+bench: bench-users
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.throughput
+
+# Other programs in which a user can type the mission, in an environment of their own.
+bench-users: $(VENV)/.benchmarks .venv-users/.check
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.users
 
 # Quadrotors in physics follow the replay node's setpoints.
 fly: $(VENV)/.flown
@@ -114,6 +119,11 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< $(PACKAGE) \
 		-r $(firstword $(wildcard test/compat/$*-requirements.txt) test/compat/requirements.txt)
+	touch $@
+
+.venv-users/.check: benchmarks/typed/requirements.txt
+	$(PYTHON) -m venv --clear .venv-users
+	.venv-users/bin/python -m pip install --quiet -r $<
 	touch $@
 
 $(BIN)/pip:

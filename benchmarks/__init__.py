@@ -1,1 +1,1 @@
-"""Rates and times of the methods, compared with IPOPT and FATROP of CasADi."""
+"""Rates and times of the methods, compared with other solvers."""

@@ -182,10 +182,15 @@ def _largest_leaks(scenario, positions, powers):
 def _make_answer(scenario, values, times, solver):
     """Return the Answer of an iterate: x and y in UNITs and powers in W, (3, U, N)."""
     inner = UNIT * np.stack(values[:2], axis=-1)
+    positions = np.concatenate(
+        [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1)
+    return Answer(compute_rate(scenario, positions, values[2]), times[1] - times[0],
+                  times[2] - times[1], solver.stats()['success'])
+
+
+def compute_rate(scenario, positions, powers):
+    """Return the guaranteed rate of an iterate made feasible, in bit/s/Hz."""
     problem = Problem(scenario)
-    path = problem.retract(np.concatenate(
-        [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1))
-    powers = problem.retract_powers(values[2])
-    _, rates = mute_nonpositive_slots(scenario, path, powers)
-    return Answer(float(rates.mean()), times[1] - times[0], times[2] - times[1],
-                  solver.stats()['success'])
+    _, rates = mute_nonpositive_slots(
+        scenario, problem.retract(positions), problem.retract_powers(powers))
+    return float(rates.mean())

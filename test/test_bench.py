@@ -1,9 +1,10 @@
 import csv
 
-from benchmarks import __main__ as bench, measuring
+from benchmarks import __main__ as bench, measuring, throughput, users
 from benchmarks.missions import random_mission
 from benchmarks.opponents import solve_by_fatrop, solve_by_ipopt
 import numpy as np
+from processes import ROOT
 import pytest
 from secure_uav_planner import __version__, Scenario, solve
 from secure_uav_planner.model.problem import Problem
@@ -63,3 +64,33 @@ def test_the_peak_memory_is_that_of_the_solve_and_not_of_who_measures():
     before = measuring.measure_memory(20)
     ours = np.ones(2 ** 26)  # 512 MB
     assert measuring.measure_memory(20) < min(1.5 * before, ours.nbytes / 2 ** 20)
+
+
+@pytest.mark.parametrize('name', users.SCRIPTS)
+def test_a_mission_as_a_user_types_it_is_solved_and_feasible(name):
+    python = ROOT / users.PYTHON
+    if name != 'this package' and not python.exists():
+        pytest.skip('CVXPY with Uno and OpenSCvx come by `make .venv-users/.check`')
+    _, lines, rate, excess, _, _ = users.measure(name, 8, 30.0, python)
+    ours = solve(Scenario.paper(120.0, slots=8), objective='guaranteed').guaranteed_rate
+    assert 0.5 * ours < float(rate) <= ours + 1e-3
+    assert float(excess) < 1e-3 and lines < 60
+
+
+def test_what_a_plan_exceeds_is_found_in_each_limit():
+    scenario = Scenario.paper(120.0, slots=8)
+    plan = solve(scenario)
+    assert users.compute_excess(scenario, plan.positions, plan.powers) < 1e-6
+    for row, shift in ((0, 15.0), (4, 300.0), (-1, 15.0)):
+        moved = plan.positions.copy()
+        moved[0, row, 0] += shift
+        assert users.compute_excess(scenario, moved, plan.powers) > 0.09
+    for power in (-1.0, 5.0, 1.1):
+        powers = np.full_like(plan.powers, power)
+        assert users.compute_excess(scenario, plan.positions, powers) > 0.09
+
+
+@pytest.mark.slow
+def test_the_throughput_is_measured_and_written(tmp_path):
+    assert throughput.main(['--missions', '30', '--out', str(tmp_path)]) == 0
+    assert '30 missions: ' in (tmp_path / 'throughput.md').read_text()

@@ -21,6 +21,8 @@ from pathlib import Path
 import sys
 
 for file in Path(sys.argv[1]).rglob('*.py'):
+    if file.parent.name == 'typed':  # Scripts for other environments.
+        continue
     import_module('.'.join(file.with_suffix('').parts))
 folder = str(Path.cwd())
 own = 'secure_uav_planner/apps', 'secure_uav_planner/assessment/flown'

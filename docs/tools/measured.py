@@ -143,7 +143,8 @@ TABLES: dict[str, Callable[[Path], str]] = {
     'methods': measure_methods, 'claims': copy_claims,
     'flown': lambda _: _read_tables(Path('out/fly/fly.md'))[0],
     'events': lambda _: _read_tables(Path('out/fly/fly.md'))[1],
-    'speed': lambda _: Path('out/bench/speed.md').read_text(encoding='utf-8').strip()}
+    **{name: lambda _, name=name: Path(f'out/bench/{name}.md').read_text(encoding='utf-8').strip()
+       for name in ('speed', 'users', 'throughput')}}
 """The function of each table by its name; its argument is the folder of its pictures."""
 
 if __name__ == '__main__':
