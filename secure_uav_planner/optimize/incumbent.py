@@ -96,6 +96,8 @@ class Incumbent:
         """
         present = self.powers
         for share in _JAMMING_SHARES:
+            if self.deadline.poll():
+                return
             self.try_improve(powers=np.concatenate([present[:1], share * present[1:]]))
         alone = find_powers_without_jamming(self.scenario, self.positions)
         if alone is not None:

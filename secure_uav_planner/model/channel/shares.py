@@ -116,6 +116,7 @@ def _divide_between_many(rates: Array, offsets: Array) -> Array:
         length = min(_find_length(excess, excess_step), _find_length(prices, step))
         excess, prices = excess + length * excess_step, prices + length * step
     idle = surplus > _IDLE * slots * least
+    idle &= not idle.all()  # After the last of _MOST_STEPS no surplus may be 0.
     useful = np.where(rates > 0, shares, 0.0)
     own = useful[~idle].sum(axis=0) >= useful[idle].sum(axis=0)
     kept = own & (shares[~idle] * rates[~idle] > _NEGLIGIBLE * least)
