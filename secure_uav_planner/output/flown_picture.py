@@ -73,7 +73,7 @@ def _draw_errors(axes: Any, comparison: Any) -> None:
                      label='tracking margin')
     axes.set_xlim(flight.times[0], flight.times[-1])
     axes.set_ylim(bottom=0)
-    axes.set_ylabel('distance from\nthe way (m)')
+    axes.set_ylabel('cross-track\nerror (m)')
 
 
 def _draw_rates(axes: Any, comparison: Any) -> None:
