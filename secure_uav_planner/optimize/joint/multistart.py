@@ -47,12 +47,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     driver.elevation_offset = MULTISTART.elevation_offsets[0] if counts_sights else 0.0
     grid, first, batches = _generate_coarse_starts(driver)
     is_single = len(incumbent.scenario.ground_nodes) == 1
-    if not is_single:
-        search = MULTISTART.several_nodes
-    elif len(incumbent.scenario.uavs) <= MULTISTART.most_uavs:
-        search = MULTISTART.few_uavs
-    else:
-        search = MULTISTART.many_uavs
+    search = MULTISTART.single_node if is_single else MULTISTART.several_nodes
     x, rates = _advance(driver, grid, *first, ((1.0, MULTISTART.steps),))
     agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
               and (counts_sights

@@ -91,7 +91,6 @@ class _Multistart(_Numbers):
     gap: float = 0.1  # Relative distance below the best rate within which starts are finished.
     # Barrier parameters that polishes begin with, in shares of the rate.
     polish_mus: tuple[float, ...] = (0.05, 0.01)
-    most_uavs: int = 3  # The most UAVs of a search with `few_uavs`.
     # Share, or units of rates, below the best up to which fly-hover-fly is finished.
     close: float = 0.02
     # Ratio of the last barrier parameter and the least first one, with several ground nodes.
@@ -100,11 +99,8 @@ class _Multistart(_Numbers):
     hops_at_once: int = 8  # Hops in a round.
     # First barrier parameter on the full grid with several ground nodes, in shares of the rate.
     nodes_mu: float = 0.003
-    # The search with one ground node and at most `most_uavs` UAVs, whose starts are not ranked.
-    few_uavs: Search = Search(((1.0, 37),), 0.1, polished=12, polish_steps=15, finished=2)
-    # The search with one ground node and more than `most_uavs` UAVs.
-    many_uavs: Search = Search(
-        ((1.0, 16), (0.4, 21)), 0.1, polished=12, polish_steps=15, finished=2)
+    # The search with one ground node, whose starts are not ranked.
+    single_node: Search = Search(((1.0, 37),), 0.1, polished=12, polish_steps=15, finished=2)
     # The search with several ground nodes.
     several_nodes: Search = Search(
         ((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polished=12, polish_steps=25, finished=3)
