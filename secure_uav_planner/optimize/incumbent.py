@@ -6,8 +6,7 @@ import numpy as np
 
 from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
-from ..model.channel import (
-    find_rate_scale, guaranteed_node_rates, guaranteed_rates, worst_case_node_rates)
+from ..model.channel import find_rate_scale, guaranteed_rates, NODE_RATES
 from ..model.channel.rates import find_least_rate
 from ..model.channel.shares import find_shares
 from ..model.limits import lift_limits
@@ -178,8 +177,7 @@ def mute_nonpositive_slots(scenario: Scenario, positions: Array, powers: Array,
     :param times: as for guaranteed_rates.
     :return: powers (U, N) in W and rates [R]^+ of each ground node (G, N) in bit/s/Hz.
     """
-    rates = (guaranteed_node_rates if objective == 'guaranteed' else worst_case_node_rates)(
-        scenario, positions, powers, times=times)
+    rates = NODE_RATES[objective](scenario, positions, powers, times=times)
     powers = powers.copy()
     powers[0, (rates < 0).all(axis=0)] = 0.0
     return powers, np.maximum(rates, 0.0)  # A slot without transmission has rate 0.

@@ -226,9 +226,8 @@ class RatedFlight(Checked):
 
     def _find_node_rates(self, objective: Objective) -> Array:
         """Return the rate [R]^+ of each ground node in each whole slot, (G, N) in bit/s/Hz."""
-        find_rates = (channel.guaranteed_node_rates if objective == 'guaranteed' else
-                      channel.worst_case_node_rates)
-        return _positive_part(find_rates(self.scenario, self.positions, self.powers))
+        return _positive_part(channel.NODE_RATES[objective](
+            self.scenario, self.positions, self.powers))
 
 
 def _positive_part(rates: Array) -> Array:

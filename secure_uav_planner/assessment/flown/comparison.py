@@ -15,11 +15,11 @@ from .closest import Closest, find_fence, find_separation, find_zone
 from .errors import measure_errors, UavErrors
 from .flight import FlownFlight
 from ...errors import name_missing_package, OptionError
-from ...mission import Objective, OBJECTIVES
+from ...mission import OBJECTIVES
 from ...mission.fields import check_argument, checked_truth, Choice
 from ...mission.scenario import Array, read_only
 from ...mission.validation import checked_kind
-from ...model import channel
+from ...model.channel import NODE_RATES
 from ...model.channel.rates import find_least_rate
 from ...model.curve import mean_node_rates
 from ...output.flown_table import comparison_table
@@ -35,9 +35,6 @@ A broken slot has less than planned by BROKEN of the slot's rate plus NEGLIGIBLE
 
 A delay of 0.3 s changes the rates of slots by up to 2% where UAVs fly fast.
 """
-
-_NODE_RATES: dict[Objective, Callable[..., Array]] = {
-    'guaranteed': channel.guaranteed_node_rates, 'worst_case': channel.worst_case_node_rates}
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +204,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     promised = np.zeros(plan.scenario.slots, bool)
     for leg, slots in flight.course.split_slots():
         promised[slots] = leg.promised_slots[slots]
-        for kind, find_rates in _NODE_RATES.items():
+        for kind, find_rates in NODE_RATES.items():
             for rates, chosen, state_at in (
                     (planned, slots, _plan_state(leg, slots)),
                     (achieved, slots[covered[slots]],

@@ -26,7 +26,6 @@ from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import measure_energies
 from ...plan.plan import Status
 
-
 CIRCLES = ((0.0, 1), (2 * math.pi / 3, -1), (4 * math.pi / 3, 1))
 """Loiter circles: bearing of the centre [rad], turn (+1 counterclockwise)."""
 

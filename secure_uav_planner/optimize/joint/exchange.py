@@ -21,7 +21,6 @@ from ...model.channel.shares import find_shares
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
-
 _NAT = 1 / np.log(2)  # One nat, in bit.
 
 

@@ -18,7 +18,6 @@ from ...model.limits import build_limits
 from ...model.limits.energy import compile_energies
 from ...plan.plan import Status
 
-
 Discs: TypeAlias = dict[str, NDArray[Any]]
 """The discs of eavesdroppers at places, by the names of core.pyi."""
 

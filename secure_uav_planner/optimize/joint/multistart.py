@@ -29,7 +29,6 @@ from ...mission.scenario import Array
 from ...model.grid import Grid
 from ...plan.plan import Status
 
-
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Errors that end a part of the search only.
 _Starts: TypeAlias = tuple[Array, Array]
 
@@ -58,11 +57,11 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             for more_x, mu in batches:
                 more_x, more_rates = _advance(driver, grid, more_x, mu, search.ranking)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        near = select_best(rates, search.gap, search.polished)
+        near = select_best(rates, search.gap, MULTISTART.polished)
         x, rates = _polish(driver, grid, x[near], rates[near], search)
         if not is_single:
             x, rates = _hop(driver, grid, x, rates, search)
-        driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, search.polished)])
+        driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
         fine = driver.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)

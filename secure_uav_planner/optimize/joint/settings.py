@@ -18,14 +18,12 @@ class Search(NamedTuple):
     :param ranking: pairs of a share of the starts, the best, and a number of Newton steps that
         they take; each pair follows on the one before.
     :param gap: relative distance below the best rate within which starts are polished.
-    :param polished: the most starts that are polished.
     :param polish_steps: Newton steps of each polish, and of each hop.
     :param finished: the most starts that are finished on the full grid.
     """
 
     ranking: tuple[tuple[float, int], ...]
     gap: float
-    polished: int
     polish_steps: int
     finished: int
 
@@ -89,6 +87,7 @@ class _Multistart(_Numbers):
     distinct: float = 2e-4  # Relative difference in rate between distinct optima.
     agreed: float = 0.7  # Share of the first starts in the best optimum that ends the multistart.
     gap: float = 0.1  # Relative distance below the best rate within which starts are finished.
+    polished: int = 12  # The most starts that are polished.
     # Barrier parameters that polishes begin with, in shares of the rate.
     polish_mus: tuple[float, ...] = (0.05, 0.01)
     # Share, or units of rates, below the best up to which fly-hover-fly is finished.
@@ -100,10 +99,10 @@ class _Multistart(_Numbers):
     # First barrier parameter on the full grid with several ground nodes, in shares of the rate.
     nodes_mu: float = 0.003
     # The search with one ground node, whose starts are not ranked.
-    single_node: Search = Search(((1.0, 37),), 0.1, polished=12, polish_steps=15, finished=2)
+    single_node: Search = Search(((1.0, steps),), gap, polish_steps=15, finished=2)
     # The search with several ground nodes.
     several_nodes: Search = Search(
-        ((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polished=12, polish_steps=25, finished=3)
+        ((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polish_steps=25, finished=3)
     # Jamming levels of power control, in shares of limit_powers.
     levels: tuple[float, ...] = (1.0, 0.1, 0.01, 0.001)
     level_steps: int = 20  # Newton steps from each level on the coarse grid.

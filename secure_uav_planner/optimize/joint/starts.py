@@ -19,7 +19,6 @@ from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import build_limits, NormLimit
 from ...model.problem import Problem
 
-
 _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
 
