@@ -144,23 +144,24 @@ class SolverDriver:
     Every step is reported to the incumbent, and raises StoppedError or TimeLimitError when the
     method must end.
 
-    :ivar grid: the full grid, which has the scenario's slots.
-    :ivar elevation_offset: widening of the smoothed quantile of fading links; see make_links.
+    :param grid: the full grid, which has the scenario's slots; by default the problem's grid.
+    :param elevation_offset: widening of the smoothed quantile of fading links; see make_links.
     :ivar optima: optima of a multistart near the best one, if there are several; else None.
     """
 
-    def __init__(self, incumbent: Incumbent) -> None:
+    def __init__(self, incumbent: Incumbent, grid: Grid | None = None,
+                 elevation_offset: float = 0.0) -> None:
         self.incumbent = incumbent
         self.raise_if_over = incumbent.deadline.raise_if_over
-        self.grid = incumbent.problem.grid
-        self.elevation_offset = 0.0
+        self.grid = incumbent.problem.grid if grid is None else grid
+        self._elevation_offset = elevation_offset
         self.optima: Optima | None = None
 
     def build_solver(self, grid: Grid, x: Array, mu: float | Array,
                      prices: float | Array = DESCENT.first_price) -> InteriorPointSolver:
         """Return an InteriorPointSolver that stops when the method must end."""
         return InteriorPointSolver(grid, x, mu, self.raise_if_over,
-                                   Receivers.of(grid, self.elevation_offset), prices=prices)
+                                   Receivers.of(grid, self._elevation_offset), prices=prices)
 
     def advance(self, solver: Solver, steps: int, mu: float) -> None:
         """Take `steps` steps from every start, without looking whether the solver is done."""

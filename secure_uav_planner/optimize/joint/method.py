@@ -102,4 +102,4 @@ def _improve_guaranteed(driver: SolverDriver) -> Status:
 
 def optimise_powers(incumbent: Incumbent) -> Status:
     """Improve only the powers of an Incumbent; return the status."""
-    return run_to_end(improve_powers, SolverDriver(incumbent))
+    return run_to_end(improve_powers, incumbent)

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .interior_point import InteriorPointSolver, Optima, SolverDriver
+from .interior_point import Optima, SolverDriver
 from .settings import DESCENT, MULTISTART, Search
 from .starts import generate_hops, generate_starts, limit_powers, make_strictly_feasible
 from ..incumbent import Incumbent
@@ -43,11 +43,12 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     baseline = incumbent.with_objective('guaranteed')
     baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
-    driver.elevation_offset = MULTISTART.elevation_offsets[0] if counts_sights else 0.0
+    offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
+    early = SolverDriver(incumbent, driver.grid, offsets[0])
     grid, first, batches = _generate_coarse_starts(driver)
     is_single = len(incumbent.scenario.ground_nodes) == 1
     search = MULTISTART.single_node if is_single else MULTISTART.several_nodes
-    x, rates = _advance(driver, grid, *first, ((1.0, MULTISTART.steps),))
+    x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),))
     agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
               and (counts_sights
                    or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
@@ -55,21 +56,24 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     if not agreed:
         with suppress(*_FAILURES):
             for more_x, mu in batches:
-                more_x, more_rates = _advance(driver, grid, more_x, mu, search.ranking)
+                more_x, more_rates = _advance(early, grid, more_x, mu, search.ranking)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = select_best(rates, search.gap, MULTISTART.polished)
-        x, rates = _polish(driver, grid, x[near], rates[near], search)
+        x, rates = _polish(early, grid, x[near], rates[near], search)
         if not is_single:
-            x, rates = _hop(driver, grid, x, rates, search)
+            x, rates = _hop(early, grid, x, rates, search)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
-        fine = driver.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
+        fine = early.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
     else:
-        fine = driver.refine_to_full_grid(
+        fine = early.refine_to_full_grid(
             grid, x[near], np.minimum(MULTISTART.nodes_mu * rates[near], DESCENT.coarse_mu),
             scale=min(rates.max(), 1.0))
-    fine = _reduce_elevation_offset(driver, fine)
+    for offset in offsets[1:]:
+        driver.descend(fine, MULTISTART.offset_mu, MULTISTART.offset_steps)
+        fine = SolverDriver(incumbent, driver.grid, offset).build_solver(
+            fine.grid, fine.x, np.maximum(fine.mu, DESCENT.coarse_mu))
     status = driver.finish(fine)
     if not agreed:
         _try_baseline(baseline, incumbent)
@@ -81,17 +85,6 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     return 'converged' if fine.finished.any() else status
 
 
-def _reduce_elevation_offset(driver: SolverDriver,
-                             solver: InteriorPointSolver) -> InteriorPointSolver:
-    """Return a solver without elevation offset, after steps with smaller and smaller offsets."""
-    for offset in (*MULTISTART.elevation_offsets[1:], 0.0) if driver.elevation_offset else ():
-        driver.descend(solver, MULTISTART.offset_mu, MULTISTART.offset_steps)
-        driver.elevation_offset = offset
-        solver = driver.build_solver(
-            solver.grid, solver.x, np.maximum(solver.mu, DESCENT.coarse_mu))
-    return solver
-
-
 def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Status:
     """Improve the incumbent as it is, from a barrier parameter on; return the status."""
     incumbent, grid = driver.incumbent, driver.grid
@@ -100,16 +93,15 @@ def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Stat
     return driver.finish(driver.build_solver(grid, x[None], mu))
 
 
-def improve_powers(driver: SolverDriver, least: float = 0.0) -> Status:
+def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     """
-    Improve only the powers of a SolverDriver's incumbent; return the status of the best level.
+    Improve only the powers of an Incumbent; return the status of the best level.
 
     :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
     :raises NumericalError: when no step can be computed from any level.
     """
-    incumbent = driver.incumbent
     incumbent.try_less_jamming()
-    driver.grid = replace(driver.grid, is_fixed=True)
+    driver = SolverDriver(incumbent, replace(incumbent.problem.grid, is_fixed=True))
     grid = driver.grid.with_slots(min(driver.grid.slots, DESCENT.coarse_slots))
     levels = np.repeat(
         [limit_powers(incumbent.scenario)] * len(MULTISTART.levels), driver.grid.slots, -1)
@@ -187,9 +179,9 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
     """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
     with suppress(*_FAILURES):
-        driver = SolverDriver(baseline)
-        improve_powers(driver, np.log(2) * (
-            (1 - MULTISTART.close) * incumbent.rate / driver.grid.rate - MULTISTART.close))
+        unit = incumbent.problem.grid.rate
+        improve_powers(baseline, np.log(2) * (
+            (1 - MULTISTART.close) * incumbent.rate / unit - MULTISTART.close))
         baseline.try_idle_slots()
     incumbent.try_improve(baseline.positions, baseline.powers)
 
