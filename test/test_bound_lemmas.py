@@ -1,7 +1,11 @@
 """Every lemma of the bound against brute force, and against a deliberate error in it."""
 
 from dataclasses import replace
+from fractions import Fraction
+import math
+from types import SimpleNamespace
 
+import bound_attack
 from bound_attack import certify_plan, lagrangian, largest_excess, slot_groups
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -62,6 +66,35 @@ def test_lemma_3_gives_the_largest_value_of_any_power(weight, price, peak):
     power = np.geomspace(1e-9, 1, 500) * peak
     most, _ = maximise_power(np.array(weight), price, peak)
     assert most >= (weight * np.log(power) - price * power).max() - 1e-12
+
+
+def test_the_derivative_of_phi_does_not_overflow():
+    with np.errstate(all='raise'):
+        assert sigmoid(np.array([-1000.0, 0.0, 1000.0])).tolist() == pytest.approx([0, 0.5, 1])
+
+
+@given(st.integers(0, 10**6))
+def test_lemma_4_bounds_every_weight_of_every_piece(seed):
+    rng, price, peak = np.random.default_rng(seed), 0.3, 2.0
+    # Some breakpoints are equal, others nearly.
+    weights = np.sort(rng.random((5, 1)), axis=0)
+    weights[1] = weights[0] + rng.choice([0.0, 1e-10])
+    weights = np.append(np.maximum.accumulate(weights), [[1.0]], axis=0)
+    v = weights[..., None] * rng.random((6, 1, 1)) * rng.dirichlet(np.ones(3), (6, 1))
+    silent, joint = rng.normal(0, 20, 1), rng.normal(0, 20, (6, 1))
+    team = Team(None, (SimpleNamespace(peak=peak),), (np.array([0, 1]), np.array([2])))
+    bounds = certificate.bound_pieces(team, silent, joint, weights, v, price)[..., 0]
+    share = np.linspace(0, 1, certificate.PIECES + 1)
+    share = share * share * (3 - 2 * share)
+    for at in np.linspace(share[:-1], share[1:], 30):
+        w0, m, *v_at = (
+            (np.concatenate([first, part])[:-1] * (1 - at[:, None])
+             + np.concatenate([first, part])[1:] * at[:, None]) for first, part in (
+                ([0.0], weights[:, 0]), (silent, joint[:, 0]), *(
+                    ([0.0], v[:, 0, place]) for place in range(3))))
+        value = (entropy(w0) - entropy(v_at[0] + v_at[1], v_at[2]) + m + maximise_power(
+            np.maximum(w0 - sum(v_at), 0.0), price, peak)[0])
+        assert (value <= bounds + 1e-9).all()
 
 
 def mission(seed, slots=6, jammers=1, eavesdroppers=1, **options):
@@ -320,6 +353,64 @@ def excess(options, most=400, curved=False, count=60, objective='guaranteed'):
     ids=str)
 def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(arguments):
     assert excess(**arguments) <= 0
+
+
+@pytest.mark.parametrize('change', [
+    lambda given: {'v': given.v + 1.0}, lambda given: {'v': given.v - 0.2},
+    lambda given: {'prices': given.prices - 1.0},
+    lambda given: {'weights': np.maximum(given.weights, given.weights[2])},
+    lambda given: {'incumbents': given.incumbents - 5.0}],
+    ids=['too large v', 'negative v', 'negative prices', 'equal breakpoints', 'low incumbents'])
+def test_any_multipliers_give_a_bound(change, monkeypatch):
+    right = bound_attack.build_multipliers
+
+    def changed(search):
+        given = right(search)
+        return replace(given, **change(given))
+    monkeypatch.setattr(bound_attack, 'build_multipliers', changed)
+    plan = solve(mission(3, jammers=0), objective='guaranteed')
+    assert largest_excess(plan) <= 0
+    proof = certify_plan(plan)[1]
+    assert plan.rate <= proof.rate < math.inf and (proof.prices >= 0).all()
+
+
+@pytest.mark.parametrize('point, cells, weight', [
+    (-1, slice(None), 0.9), (-1, 0, 0.9), (1, slice(None), 0.0), (1, 0, 0.0)])
+def test_breakpoints_that_do_not_rise_to_one_are_refused(point, cells, weight, monkeypatch):
+    right = bound_attack.build_multipliers
+
+    def changed(search):
+        given = right(search)
+        weights = given.weights.copy()
+        weights[:-1] = np.maximum(weights[:-1], 0.1)
+        weights[point:point + 1 or None, cells] = weight
+        if point < 0:
+            weights = np.minimum(weights, weights[-1])
+        return replace(given, weights=weights)
+    monkeypatch.setattr(bound_attack, 'build_multipliers', changed)
+    with pytest.raises(AssertionError, match='rise to 1'):
+        certify_plan(solve(mission(1), objective='guaranteed'))
+
+
+@pytest.mark.parametrize('seed', range(1, 6))
+def test_the_rate_of_a_certificate_is_not_rounded_down(seed):
+    team, proof = certify_plan(solve(mission(seed), objective='guaranteed'))
+    exact = Fraction(proof.offset) + sum(
+        int(count) * Fraction(group) for count, group in zip(team.groups.count, proof.groups))
+    assert Fraction(proof.rate) * team.groups.slots * Fraction(math.log(2.0)) >= exact
+
+
+@given(st.integers(0, 10**6), st.floats(-30, 30))
+def test_powers_that_count_as_silence_are_not_heard(seed, advantage):
+    scenario = mission(seed, eavesdroppers=2)
+    scenario = replace(scenario, eavesdroppers=(
+        replace(scenario.eavesdroppers[0], receiver_advantage_db=advantage),
+        scenario.eavesdroppers[1]))
+    team = Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'), (None, None))
+    region, (low, high) = team.regions[1], certificate.find_power_range(team, 1)
+    assert high == math.log(region.peak) and low <= high
+    for gain in (region.log_gain, *(region.log_gain + region.log_advantages)):
+        assert math.exp(low + gain) / region.altitude**2 <= certificate.FLOOR * (1 + 1e-9)
 
 
 @pytest.mark.parametrize('most, curved', [(400, False), (400, True), (4, False)])
