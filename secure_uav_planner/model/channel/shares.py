@@ -1,24 +1,29 @@
 """
-Shares of the slots for several ground nodes: a linear program, solved by an interior-point method.
+Shares of the slots for several ground nodes: a linear program, solved by a dual simplex method.
 
-The least mean over weight is maximised. In its dual a node has a price l, prices sum to 1, and a
-slot is worth max_k l_k r_k. A step of Newton's method on both costs G^2 N for G nodes and N slots.
+The least mean over weight is maximised. In its dual a node has a price, and a slot is worth the
+largest product of price and rate. A slot is tied if it is worth as much to several nodes. At a
+vertex the tied slots link all nodes as a tree. A step cuts the tree at the most negative share of
+a tied slot, and scales the prices on one side of the cut until the dual is least. A step may pass
+any number of slots, so the number of steps hardly depends on the number of slots.
 """
 
-from collections.abc import Iterable
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...mission.scenario import Array, Scenario
 
-_GAP = 1e-11  # Relative distance between the program and its dual at the end.
-_MOST_STEPS = 100  # About 15 are taken, 30 where nodes' rates differ by 1e6.
-_CENTRING = 0.1  # Ratio of the barrier parameters of two steps.
-_BOUNDARY = 0.99  # Share of the way to the boundary that a step goes at most.
-_LEAST_MEAN = 1e-3  # Share of the largest mean that counts for a node's first price at least.
-_NEGLIGIBLE = 1e-9  # Rate in a share of a slot, over the least mean, below which it is 0.
-_RIDGE = 1e-14  # Part of the identity in the scaled matrix of Newton's method.
+_Mask: TypeAlias = NDArray[np.bool_]
+
+_MOST_STEPS = 60  # The most steps for each node; about 5 are taken.
+_NEGLIGIBLE = 1e-15  # Rate that stands for 0, in means of the node's rates.
+_EQUAL = 1e-10  # Relative difference of equal rates.
+_CHANGE = 1e-9  # Largest relative change of a rate.
 _IDLE = 1e-6  # Relative surplus over the least mean above which a node has no price.
+_SAME = 1e-14  # Logarithm of the ratio of equal worths, which is rounding.
+_ROUNDING = 1e-12  # Size of a negative share that is rounding.
 
 
 def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
@@ -44,167 +49,135 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
 
 def _divide(rates: Array, offsets: Array) -> Array:
     """Return the shares (G, N) with the largest least mean, where means have offsets (G,)."""
-    shares, used = np.zeros(rates.shape), np.flatnonzero(rates.any(axis=0))
-    if len(used):
-        scale = rates.max()
-        method = (_take_all, _divide_between_two, _divide_between_many)[min(len(rates), 3) - 1]
-        shares[:, used] = method(
-            rates[:, used] / scale, offsets * (rates.shape[1] / len(used) / scale))
+    nodes, slots = rates.shape
+    # A head start is the rate of a further slot, and 0 is a negligible rate. So each node can
+    # pass slots on to each other node, and no price is 0.
+    table = np.hstack([rates, np.diag(offsets * slots)])
+    used = np.asarray(table.any(axis=0))
+    table = table[:, used]
+    table = np.maximum(table, _NEGLIGIBLE * table.mean(axis=1, keepdims=True))
+    shares = np.zeros((nodes, len(used)))
+    shares[:, used] = _divide_equal_slots(table)
+    shares = np.where(rates > 0, shares[:, :slots], 0.0)
+    total = shares.sum(axis=0)
+    shares = shares / np.where(total > 0, total, 1.0)
+    # Nodes above the least mean divide the slots that the others do not use.
+    means = (shares * rates).mean(axis=1) + offsets
+    idle = means > (1 + _IDLE) * means.min()
+    left = ~shares[~idle].any(axis=0) & rates[idle].any(axis=0)
+    if left.any():
+        shares[:, left] = 0.0
+        means = (shares[idle] * rates[idle]).mean(axis=1) + offsets[idle]
+        part = np.ix_(idle, left)
+        shares[part] = _divide(rates[part], means * (slots / left.sum()))
     return shares
 
 
-def _take_all(rates: Array, offsets: Array) -> Array:
-    """Return shares of 1 for a single node."""
-    return np.ones(rates.shape)
+def _divide_equal_slots(rates: Array) -> Array:
+    """Return shares (G, N) as _find_vertex for positive rates, of which many may be equal."""
+    _, slots = rates.shape
+    key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
+    ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
+    groups = np.empty(slots, int)
+    groups[key] = np.append(0, np.cumsum((np.abs(after - ahead) > _EQUAL * after).any(axis=0)))
+    counts = np.bincount(groups)
+    _, first = np.unique(groups, return_index=True)
+    joined = _find_vertex(rates[:, first] * counts)
+    shares = joined[:, groups]
+    for group in np.flatnonzero(((joined > 0).sum(axis=0) > 1) & (counts > 1)):
+        # Each node owns slots that follow on each other.
+        ends = np.append(0.0, np.cumsum(joined[:, group])) * counts[group]
+        begins = np.arange(counts[group])
+        shares[:, groups == group] = np.clip(
+            ends[1:, None] - begins, 0, 1) - np.clip(ends[:-1, None] - begins, 0, 1)
+    return shares
 
 
-def _divide_between_two(rates: Array, offsets: Array) -> Array:
-    """Return the shares of two nodes: of the first, the slots worth most to it, until both tie."""
-    total = np.maximum(rates.sum(axis=0), 1e-100)
-    order = np.argsort(-rates[0] / total, kind='stable')
-    ends = np.cumsum(total[order])
-    # The second node has it over the first if it owns all slots.
-    lead = rates[1].sum() + len(order) * (offsets[1] - offsets[0])
-    first = np.empty(len(order))
-    first[order] = np.clip(1.0 + (lead - ends) / total[order], 0.0, 1.0)
-    return np.stack([first, 1.0 - first])
-
-
-def _divide_between_many(rates: Array, offsets: Array) -> Array:
+def _find_vertex(rates: Array) -> Array:
     """
-    Return the shares of three and more nodes; nodes above the least mean divide the other slots.
+    Return shares (G, N) with the largest least mean; at most G - 1 slots are divided.
 
-    Both programs stay strictly feasible: shares and each node's surplus over the least mean,
-    prices and each slot's excess of its worth over l_k r_k.
+    :param rates: positive, (G, N).
     """
-    nodes, slots = rates.shape
-    means = rates.mean(axis=1)
-    prices = 1 / np.maximum(means, _LEAST_MEAN * means.max())
-    prices /= prices.sum()
-    worth = prices[:, None] * rates
-    most = worth.max(axis=0)
-    excess = most + most.mean() - worth
-    shares = np.full(rates.shape, 1 / nodes)
-    least = float((means / nodes + offsets).min() / 2)
-    surplus = slots * (means / nodes + offsets - least)
-    for _ in range(_MOST_STEPS):
-        gap = float((shares * excess).sum() + prices @ surplus)
-        if gap <= _GAP * slots * least:
+    nodes = len(rates)
+    # Tiny changes of the rates, so that no two slots tie at the same prices.
+    rates = rates * (1 + _CHANGE * np.random.default_rng(0).random(rates.shape))
+    prices = 1 / rates.mean(axis=1)
+    ties: dict[int, set[int]] = {}  # Nodes of each tied slot.
+    cut = 0  # A node on the side of the cut whose prices are scaled.
+    for _ in range(_MOST_STEPS * nodes):
+        part = _find_linked(ties, cut, nodes)
+        if not part.all():
+            _scale_prices(rates, prices, ties, part)
+            continue
+        worth = prices[:, None] * rates
+        owned = worth >= worth.max(axis=0)
+        owned[:, list(ties)] = False
+        parts = [(slot, node) for slot, tied in ties.items() for node in tied]
+        values = _solve_ties(rates, (owned * rates).sum(axis=1), parts)
+        if not (values < -_ROUNDING).any():
             break
-        mu = _CENTRING * gap / (shares.size + nodes)
-        slopes, centring = shares / excess, mu / excess - shares
-        total = slopes.sum(axis=0)
-        pull, gains = centring.sum(axis=0) / total, slopes * rates
-        diagonal = (gains * rates).sum(axis=1) + surplus / prices
-        if not diagonal.all():
-            break  # What is left is rounding.
-        matrix = np.diag(diagonal) - gains / total @ gains.T
-        right = mu / prices - surplus - (rates * centring - gains * pull).sum(axis=1)
-        # Prices keep their sum; the matrix is scaled and kept regular.
-        size = 1 / np.sqrt(diagonal)
-        steps = size[:, None] * np.linalg.solve(
-            size * matrix * size[:, None] + _RIDGE * np.eye(nodes),
-            size[:, None] * np.stack([right, np.ones(nodes)], axis=1))
-        change = steps[:, 0].sum() / steps[:, 1].sum()
-        step = steps[:, 0] - change * steps[:, 1]
-        excess_step = pull + step @ gains / total - step[:, None] * rates
-        shares_step = centring - slopes * excess_step
-        surplus_step = mu / prices - surplus * (1 + step / prices)
-        length = min(_find_length(shares, shares_step), _find_length(surplus, surplus_step))
-        shares, surplus = shares + length * shares_step, surplus + length * surplus_step
-        least -= length * change / slots
-        length = min(_find_length(excess, excess_step), _find_length(prices, step))
-        excess, prices = excess + length * excess_step, prices + length * step
-    idle = surplus > _IDLE * slots * least
-    idle &= not idle.all()  # After the last of _MOST_STEPS no surplus may be 0.
-    useful = np.where(rates > 0, shares, 0.0)
-    own = useful[~idle].sum(axis=0) >= useful[idle].sum(axis=0)
-    kept = own & (shares[~idle] * rates[~idle] > _NEGLIGIBLE * least)
-    divided = np.zeros(rates.shape)
-    divided[~idle] = _unite(np.where(kept, shares[~idle], 0.0), rates[~idle])
-    if idle.any() and not own.all():
-        divided[np.ix_(idle, ~own)] = _divide(
-            rates[np.ix_(idle, ~own)], offsets[idle] * (slots / (~own).sum()))
-    return divided
+        slot, cut = parts[int(values.argmin())]
+        ties[slot].remove(cut)
+        if len(ties[slot]) == 1:
+            del ties[slot]
+    shares = owned.astype(float)
+    for (slot, node), value in zip(parts, values):
+        shares[node, slot] = max(value, 0.0)
+    return shares / shares.sum(axis=0)
 
 
-def _find_length(values: Array, step: Array) -> float:
-    """Return the length of a step, at most 1, with which positive values stay positive."""
-    return _BOUNDARY / max(_BOUNDARY, float((-step / values).max()))
-
-
-def _unite(shares: Array, rates: Array) -> Array:
+def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: _Mask) -> None:
     """
-    Return shares (G, N) that divide at most G - 1 slots; no node's mean falls.
+    Scale the prices of a part of the nodes so that the dual is least, and add the tied slot.
 
-    Where nodes are linked by divided slots in a circle, shares are passed round until one is 0.
+    The dual is the sum of the slots' worths over the sum of the prices. As the scale grows, the
+    slots pass to the part one by one. The dual is least at the first slot with which the mean
+    rates of the part, weighted by prices, are at least those of the other nodes.
+
+    :param prices: of the nodes, (G,), changed in place.
+    :param ties: nodes of each tied slot, changed in place.
+    :param part: whether each node is in the part, (G,).
     """
-    total = shares.sum(axis=0)
-    united = np.divide(shares, total, out=np.zeros(shares.shape), where=total > 0)
-    parts: dict[int, dict[int, float]] = {}  # Shares of divided slots for their nodes.
-    links: list[set[int]] = [set() for _ in shares]  # Divided slots of each node, without circles.
-    for slot in np.flatnonzero((united > 0).sum(axis=0) > 1).tolist():
-        nodes = np.flatnonzero(united[:, slot]).tolist()
-        parts[slot] = {node: float(united[node, slot]) for node in nodes}
-        for node in nodes:
-            while node in parts[slot] and (path := _find_path(links, parts[slot], slot, node)):
-                _pass_round(parts, links, [(slot, node, path[0][1]), *path], rates)
-            if node in parts[slot]:
-                links[node].add(slot)
-    for slot, part in parts.items():
-        united[:, slot] = 0.0
-        united[list(part), slot] = np.array(list(part.values())) / sum(part.values())
-    return united
+    worth = prices[:, None] * rates
+    inside, outside = worth[part].max(axis=0), worth[~part].max(axis=0)
+    scales = outside / inside
+    order = np.argsort(scales)
+    slopes = (np.cumsum(inside[order]) * prices[~part].sum()
+              - (outside.sum() - np.cumsum(outside[order])) * prices[part].sum())
+    slot = int(order[min(np.searchsorted(slopes, 0.0), len(order) - 1)])
+    # A tied slot on the way to that scale ends the step: it ties with the other side, too.
+    logs = np.log(scales)
+    way = [tied for tied in ties if _SAME < abs(logs[tied]) < abs(logs[slot])
+           and (logs[tied] > 0) == (logs[slot] > 0)]
+    slot = min(way, key=lambda tied: float(abs(logs[tied])), default=slot)
+    prices[part] *= scales[slot]
+    tied = ties.setdefault(slot, set())
+    for side in (part, ~part):
+        if not any(side[node] for node in tied):
+            tied.add(int(np.where(side, worth[:, slot], 0.0).argmax()))
 
 
-def _pass_round(parts: dict[int, dict[int, float]], links: list[set[int]],
-                circle: list[tuple[int, int, int]], rates: Array) -> None:
+def _find_linked(ties: dict[int, set[int]], node: int, nodes: int) -> _Mask:
+    """Return which nodes are linked to a node by tied slots, (G,)."""
+    linked = {node}
+    while more := [tied for tied in ties.values() if linked & tied and not tied <= linked]:
+        linked = linked.union(*more)
+    return np.isin(np.arange(nodes), list(linked))
+
+
+def _solve_ties(rates: Array, owned: Array, parts: list[tuple[int, int]]) -> Array:
     """
-    Pass shares round a circle of links (slot, giver, taker) until a share is 0.
+    Return the shares of tied slots with which all nodes have the same mean rate.
 
-    Every node but the first takes as much rate as it gives. The first node gains, because the
-    circle is reversed if it would lose.
+    :param owned: sum of the rates of the slots that each node owns, (G,).
+    :param parts: tied slots and nodes that share them; as many as slots and nodes less one.
     """
-    gain, given = 1.0, []
-    for slot, giver, taker in circle:
-        given.append(gain / rates[giver, slot])
-        gain *= rates[taker, slot] / rates[giver, slot]
-    if gain < 1:
-        circle = [(slot, taker, giver) for slot, giver, taker in reversed(circle)]
-        gain, given = 1.0, []
-        for slot, giver, taker in circle:
-            given.append(gain / rates[giver, slot])
-            gain *= rates[taker, slot] / rates[giver, slot]
-    left = [parts[slot][giver] / share for (slot, giver, _), share in zip(circle, given)]
-    for number, ((slot, giver, taker), share) in enumerate(zip(circle, given)):
-        parts[slot][taker] += min(left) * share
-        parts[slot][giver] -= min(left) * share
-        if number == left.index(min(left)):
-            del parts[slot][giver]
-            for node in (giver, *(parts[slot] if len(parts[slot]) == 1 else ())):
-                links[node].discard(slot)
-
-
-def _find_path(links: list[set[int]], begins: Iterable[int], new: int,
-               end: int) -> list[tuple[int, int, int]]:
-    """
-    Return the shortest path of links (slot, from, to) from nodes with a new slot to a node.
-
-    :param links: divided slots of each node; two nodes with a common slot are linked.
-    :param begins: nodes of the new slot.
-    """
-    before: dict[int, tuple[int, int]] = {}
-    queue = [node for node in begins if new in links[node]]
-    reached = set(queue)
-    for node in queue:
-        for other in range(len(links)):
-            if other not in reached and (shared := links[node] & links[other]):
-                before[other] = min(shared), node
-                reached.add(other)
-                queue.append(other)
-    path: list[tuple[int, int, int]] = []
-    while end in before:
-        slot, node = before[end]
-        path.insert(0, (slot, node, end))
-        end = node
-    return path
+    slots = {slot: len(rates) + row for row, slot in enumerate(dict.fromkeys(dict(parts)))}
+    matrix = np.zeros((len(rates) + len(slots), len(parts) + 1))
+    for column, (slot, node) in enumerate(parts):
+        matrix[node, column] = rates[node, slot]
+        matrix[slots[slot], column] = 1.0
+    matrix[:len(rates), -1] = -1.0
+    values = np.linalg.solve(matrix, np.append(-owned, np.ones(len(slots))))
+    return np.asarray(values[:-1], float)
