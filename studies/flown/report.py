@@ -41,7 +41,8 @@ def flight_report(plan, flight):
     return SimpleNamespace(
         mission=flight.event.name, **_errors(flight),
         arrival=np.linalg.norm(flown[:, last] - goals, axis=-1).max(),
-        planned_rate=planned_rate, flown_rate=flown_rate, lost=1 - flown_rate / planned_rate,
+        planned_rate=planned_rate, flown_rate=flown_rate,
+        lost=1 - flown_rate / planned_rate if planned_rate else 0.0,
         planned_apart=smallest_distance(planned), flown_apart=smallest_distance(flown),
         planned_clear=smallest_clearance(scenario, planned),
         flown_clear=smallest_clearance(scenario, flown))

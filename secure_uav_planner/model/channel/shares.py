@@ -147,10 +147,10 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
               - (outside.sum() - np.cumsum(outside[order])) * prices[part].sum())
     slot = int(order[min(np.searchsorted(slopes, 0.0), len(order) - 1)])
     # A tied slot on the way to that scale ends the step: it ties with the other side, too.
-    logs = np.log(scales)
-    way = [tied for tied in ties if _SAME < abs(logs[tied]) < abs(logs[slot])
-           and (logs[tied] > 0) == (logs[slot] > 0)]
-    slot = min(way, key=lambda tied: float(abs(logs[tied])), default=slot)
+    logs: list[float] = np.log(scales).tolist()
+    way = [tied for tied in ties
+           if _SAME < abs(logs[tied]) < abs(logs[slot]) and (logs[tied] > 0) == (logs[slot] > 0)]
+    slot = min(way, key=lambda tied: abs(logs[tied]), default=slot)
     prices[part] *= scales[slot]
     tied = ties.setdefault(slot, set())
     for side in (part, ~part):
