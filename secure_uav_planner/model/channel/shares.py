@@ -145,7 +145,7 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
     order = np.argsort(scales)
     slopes = (np.cumsum(inside[order]) * prices[~part].sum()
               - (outside.sum() - np.cumsum(outside[order])) * prices[part].sum())
-    slot = int(order[min(np.searchsorted(slopes, 0.0), len(order) - 1)])
+    slot = int(order[min(int(np.searchsorted(slopes, 0.0)), len(order) - 1)])
     # A tied slot on the way to that scale ends the step: it ties with the other side, too.
     logs: list[float] = np.log(scales).tolist()
     way = [tied for tied in ties
