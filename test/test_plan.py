@@ -40,6 +40,13 @@ def test_a_plan_its_rates_and_its_copies_are_read_only(plan):
         assert same.guaranteed_rate == plan.guaranteed_rate
 
 
+def test_a_power_below_zero_by_at_most_the_tolerance_is_zero(plan):
+    powers = plan.powers.copy()
+    powers[:, :3] = [-9e-10, -0.0, 0.0]
+    kept = replace(plan, powers=powers).powers
+    assert not kept[:, :3].any() and not np.signbit(kept).any()
+
+
 def test_only_slots_with_a_positive_rate_count():
     scenario = Scenario.paper(104.0, 60.0, slots=26)
     optimised, baseline = solve(scenario), fly_hover_fly(scenario)
