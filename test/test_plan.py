@@ -47,6 +47,21 @@ def test_a_power_below_zero_by_at_most_the_tolerance_is_zero(plan):
     assert not kept[:, :3].any() and not np.signbit(kept).any()
 
 
+def test_a_plan_begins_when_ros_can_stamp_all_of_it(plan):
+    last = (2**31 - 1 - math.ceil(plan.times[-1])) * 10**9
+    for start in (0, last):
+        assert replace(plan, start_ns=start).start_ns == start
+    with pytest.raises(PlanError, match=f'from 0 to {last}'):
+        replace(plan, start_ns=last + 1)
+
+
+@pytest.mark.parametrize('times', [1 - 1e-12, 1.0, 1 + 1e-12])
+def test_a_promise_ends_before_the_slot_of_a_time_whatever_the_rounding(plan, times):
+    step = plan.scenario.slot_duration
+    for slot in range(1, 9):
+        assert plan.end_promise(times * slot * step).promised_until == (slot - 1) * step
+
+
 def test_only_slots_with_a_positive_rate_count():
     scenario = Scenario.paper(104.0, 60.0, slots=26)
     optimised, baseline = solve(scenario), fly_hover_fly(scenario)
