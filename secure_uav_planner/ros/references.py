@@ -92,6 +92,7 @@ class LocalFrames:
         return f'the local frame of {name} is not known: {self._unknown[name]}'
 
     def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
+        """Use the reference of a local frame; log where it begins, or how far it moved."""
         try:
             reference = read(message)
             if reference == self._references.get(name) and name not in self._unknown:

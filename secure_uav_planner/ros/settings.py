@@ -63,6 +63,7 @@ class Settings(Generic[Kind]):
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
+        """Declare parameters; a value given to the node precedes the value of the mission file."""
         given = _overrides(self._node)
         for name, spec in specs.items():
             value = self._mission_values.get(name, spec.default)
@@ -89,6 +90,7 @@ class Settings(Generic[Kind]):
                 f'there is no parameter {brief(name, 100)}, it is ignored{hint}')
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Accept changed parameters together if all settings stay valid."""
         ours = [parameter for parameter in parameters if parameter.name in self._specs]
         if not ours:  # rclpy declares many for each topic, and calls this each time.
             return SetParametersResult(successful=True)

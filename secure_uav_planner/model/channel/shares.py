@@ -18,7 +18,7 @@ from ...mission.scenario import Array, Scenario
 _Mask: TypeAlias = NDArray[np.bool_]
 
 _MOST_STEPS = 60  # The most steps for each node; about 5 are taken.
-_NEGLIGIBLE = 1e-15  # Rate that stands for 0, in means of the node's rates.
+_NEGLIGIBLE = 1e-15  # Rate that replaces 0, in units of the node's mean rate.
 _EQUAL = 1e-10  # Relative difference of equal rates.
 _CHANGE = 1e-9  # Largest relative change of a rate.
 _IDLE = 1e-6  # Relative surplus over the least mean above which a node has no price.
@@ -61,7 +61,7 @@ def _divide(rates: Array, offsets: Array) -> Array:
     shares = np.where(rates > 0, shares[:, :slots], 0.0)
     total = shares.sum(axis=0)
     shares = shares / np.where(total > 0, total, 1.0)
-    # Nodes above the least mean divide the slots that the others do not use.
+    # Nodes above the least mean divide the slots that nodes at the least mean do not use.
     means = (shares * rates).mean(axis=1) + offsets
     idle = means > (1 + _IDLE) * means.min()
     left = ~shares[~idle].any(axis=0) & rates[idle].any(axis=0)
@@ -74,7 +74,7 @@ def _divide(rates: Array, offsets: Array) -> Array:
 
 
 def _divide_equal_slots(rates: Array) -> Array:
-    """Return shares (G, N) as _find_vertex for positive rates, of which many may be equal."""
+    """Return shares (G, N) as _find_vertex; slots with equal rates are one slot there."""
     _, slots = rates.shape
     key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
     ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
@@ -132,8 +132,8 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
     Scale the prices of a part of the nodes so that the dual is least, and add the tied slot.
 
     The dual is the sum of the slots' worths over the sum of the prices. As the scale grows, the
-    slots pass to the part one by one. The dual is least at the first slot with which the mean
-    rates of the part, weighted by prices, are at least those of the other nodes.
+    slots pass to the part one by one. The dual is least at the first slot with which the part's
+    mean rate, weighted by prices, is at least the mean rate of the other nodes.
 
     :param prices: of the nodes, (G,), changed in place.
     :param ties: nodes of each tied slot, changed in place.

@@ -141,7 +141,7 @@ class InteriorPointSolver:
             their mean rates in nats (G,), `positions` of the receivers, as in a Grid's Receivers,
             (N, K, 2), their `radii`, which the guarantee adds to distances, (N, K), `listeners`
             (list of indices of ground nodes), `energies` (None if none is limited), and `places`.
-            `places` is None for (P2), and for (P1) a dictionary: `followed`, whether each place
+            `places` is None for (P2), and for (P1) a dictionary: `moves_along`, whether each place
             moves along with the UAVs, (N, E P), `offsets` of the places from the centres of their
             discs (N, E P, 2) and the discs' `radii` (N, E P).
         :param x: powers and positions, (S, N, U, 3).

@@ -45,9 +45,9 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
 }
 
 // Copy the places that represent the eavesdroppers' discs, with the names in core.pyi.
-kernel::Places make_places(const BarrierProblem& problem, const py::dict& args) {
+kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t count = problem.eavesdroppers();
-    return {copy_flags(args, "followed", problem.slots * count),
+    return {copy_flags(args, "moves_along", problem.slots * count),
             copy_reals(args, "offsets", problem.slots * count * 2),
             copy_reals(args, "radii", problem.slots * count)};
 }
@@ -76,7 +76,7 @@ BarrierProblem make_problem(const py::dict& args) {
     problem.energies = args["energies"].cast<std::shared_ptr<kernel::Energies>>();
     expect(!problem.energies || problem.energies->moves().fits(problem.slots, uavs), "energies");
     if (!args["places"].is_none())
-        problem.places = make_places(problem, args["places"].cast<py::dict>());
+        problem.places = read_places(problem, args["places"].cast<py::dict>());
     return problem;
 }
 
@@ -155,8 +155,8 @@ public:
     // Replace the places, and the receivers' positions, by the same number of new ones.
     void exchange_places(const py::dict& places, const py::buffer& positions) {
         Reals& own = problem_.receivers.positions;
-        expect(!problem_.places.followed.empty(), "places");
-        kernel::Places made = make_places(problem_, places);
+        expect(!problem_.places.moves_along.empty(), "places");
+        kernel::Places made = read_places(problem_, places);
         own = copy_reals(positions, "positions", own.size());
         problem_.places = std::move(made);
         for (kernel::Iterate& iterate : iterates_) iterate.is_evaluated = false;

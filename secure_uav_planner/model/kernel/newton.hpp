@@ -26,7 +26,7 @@ struct Receivers {
 
 // P places in the disc of each eavesdropper, which represent the disc; see joint/exchange.py.
 struct Places {
-    std::vector<char> followed;  // Whether a place moves along with the UAVs, (N, E P).
+    std::vector<char> moves_along;  // Whether a place moves along with the UAVs, (N, E P).
     Reals offsets;               // Place minus centre of its disc, (N, E P, 2).
     Reals radii;                 // Radius of the place's disc, (N, E P).
 };

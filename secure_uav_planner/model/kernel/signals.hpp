@@ -83,9 +83,9 @@ public:
                 hessian[j * V + m] += more * of_interference[m] - less * of_total[m];
         }
         const int eve = k - p_.nodes();
-        if (p_.places.followed.empty() || eve < 0 || eve >= p_.eavesdroppers()) return;
+        if (p_.places.moves_along.empty() || eve < 0 || eve >= p_.eavesdroppers()) return;
         const std::size_t place = n * p_.eavesdroppers() + eve;
-        if (p_.places.followed[place]) add_place_curvature(at, place, weight, hessian);
+        if (p_.places.moves_along[place]) add_place_curvature(at, place, weight, hessian);
     }
 
 private:

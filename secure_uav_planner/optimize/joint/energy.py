@@ -38,12 +38,12 @@ class _Start(NamedTuple):
     beginning: Beginning
 
 
-def improve_within_energy(driver: SolverDriver, frees: Sequence[Incumbent],
+def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
                           optima: Optima | None = None) -> Status:
     """
     Improve the incumbent of a SolverDriver from starts for its limits of energy.
 
-    :param frees: the best incumbents without these limits, for (P2) first.
+    :param unlimited: the best incumbents without these limits, for (P2) first.
     :param optima: further optima of (P2) without these limits.
     :raises InfeasibleMissionError: when no flights are found that keep them.
     """
@@ -51,7 +51,7 @@ def improve_within_energy(driver: SolverDriver, frees: Sequence[Incumbent],
     search = _drive_guaranteed(driver)
     plan = search.incumbent
     try:
-        for solver in _rank(search, list(_generate_starts(driver, frees, optima))):
+        for solver in _rank(search, list(_generate_starts(driver, unlimited, optima))):
             finished = list(_finish(search, solver))
             if math.isfinite(plan.rate):
                 break
@@ -162,10 +162,10 @@ def _find_least(solver: InteriorPointSolver) -> Iterator[_Start]:
         yield _Start(flights[least, np.arange(len(least))], powers, beginning)
 
 
-def _generate_starts(driver: SolverDriver, frees: Sequence[Incumbent],
+def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
     """Yield starts from plans without limits of energy; see improve_within_energy."""
-    flights = [(free.positions, free.powers, 3) for free in frees]
+    flights = [(best.positions, best.powers, 3) for best in unlimited]
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
         for x in optima.x[1:1 + ENERGY.optima]:
@@ -178,7 +178,7 @@ def _generate_starts(driver: SolverDriver, frees: Sequence[Incumbent],
             circled = add_circles(driver.incumbent.scenario, positions, *circle)
             if not np.array_equal(circled, positions):
                 yield _Start(circled, powers, beginning)
-    yield from _circle_directly(driver, frees[0].powers)
+    yield from _circle_directly(driver, unlimited[0].powers)
 
 
 def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:

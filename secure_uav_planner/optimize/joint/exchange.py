@@ -209,13 +209,13 @@ class WorstPlaces:
         Discs of the places, by the names of core.pyi, in units of the grid.
 
         `radii` (N, E P), `offsets` of the places from the centres (N, E P, 2), and whether each
-        place follows the UAVs, `followed` (N, E P).
+        place moves along with the UAVs, `moves_along` (N, E P).
         """
         slots, length = len(self._places), self._grid.length
         radii = np.repeat(self._radii / length, self._places.shape[2], axis=1)
         offsets = (self._places - self._centres[:, :, None]).reshape(slots, -1, 2) / length
         return {'radii': radii, 'offsets': offsets,
-                'followed': self._largest.reshape(slots, -1) & (radii > 0)}
+                'moves_along': self._largest.reshape(slots, -1) & (radii > 0)}
 
     def _find_worst(self, x: Array) -> tuple[Array, Array]:
         """Return the worst place of each disc (N, E, 2) in m, and its leak (N, E) in nats."""

@@ -71,12 +71,13 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
             incumbent.objective == 'guaranteed' and _is_within_energy(incumbent, guaranteed)):
         drivers.append(worst_case)
         status = _improve_worst_case(worst_case, guaranteed)
-    for free in drivers:
-        incumbent.try_improve(free.incumbent.positions, free.incumbent.useful_powers)
-    if all(_is_within_energy(incumbent, free) for free in drivers):
+    for unlimited in drivers:
+        plan = unlimited.incumbent
+        incumbent.try_improve(plan.positions, plan.useful_powers)
+    if all(_is_within_energy(incumbent, unlimited) for unlimited in drivers):
         return status
-    status = run_to_end(improve_within_energy, driver, [free.incumbent for free in drivers],
-                        guaranteed.optima)
+    status = run_to_end(improve_within_energy, driver,
+                        [unlimited.incumbent for unlimited in drivers], guaranteed.optima)
     if math.isinf(incumbent.rate):
         incumbent.deadline.raise_if_over()
         raise InfeasibleMissionError(
@@ -84,9 +85,9 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
     return status
 
 
-def _is_within_energy(incumbent: Incumbent, free: SolverDriver) -> bool:
+def _is_within_energy(incumbent: Incumbent, unlimited: SolverDriver) -> bool:
     """Return True if the flights of a SolverDriver keep the limits of an incumbent's energy."""
-    return incumbent.problem.keeps_energy(free.incumbent.positions)
+    return incumbent.problem.keeps_energy(unlimited.incumbent.positions)
 
 
 def _improve_guaranteed(driver: SolverDriver) -> Status:

@@ -82,6 +82,7 @@ class Planner(WorkingNode):
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
+        """Create the topics, services and timers."""
         group, settings = self.default_callback_group, self._settings
         self._outputs = publishers(self, TOPICS['planner', 'pub'], self._uavs)
         # A second ~/plan is answered while the first waits.
@@ -120,6 +121,7 @@ class Planner(WorkingNode):
     # The state thread
 
     def _on_pose(self, topic: str, message: Message) -> None:
+        """Take a pose of a receiver or UAV, or warn why it is not used."""
         is_first = self._poses.get(topic) is None
         try:
             remark = self._poses.take(topic, message, self._settings, self._now())
@@ -244,6 +246,7 @@ class Planner(WorkingNode):
     # Replanning
 
     def _on_check(self) -> None:
+        """Update what is known of the flight, and begin a replan that is due."""
         settings, now = self._settings, self._now()
         self._poses.follow_clock(now)
         self._tracking.observe(settings, now)
@@ -349,6 +352,7 @@ class Planner(WorkingNode):
             return
 
         def finish(result: Result) -> None:
+            """Keep the bound of the plan and save it, or log why there is none."""
             try:
                 bound = result()
             except Exception as error:
@@ -367,6 +371,7 @@ class Planner(WorkingNode):
             self._solver.run(partial(save_plan, plan, file, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
+        """Return the message of the status: plan, solver, flight, poses and problems."""
         now, settings = self._now(), self._settings
         problems, track = self._tracking.status(settings, now)
         status = make_status(self._state, self._solver.progress, self._solver.is_solving, [
@@ -381,6 +386,7 @@ class Planner(WorkingNode):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
+        """Publish the status on /diagnostics, and in flight on ~/status, too."""
         now, status = self._now(), self._status_message()
         if self._tracking.flight(now) is not None:
             self._outputs['~/status'].publish(status)

@@ -157,6 +157,7 @@ class PlanTracking:
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
+        """Return in words why the promise of a flight has ended, or that it ends soon."""
         plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []
@@ -352,6 +353,7 @@ class PlanTracking:
             self._track.measured)
 
     def _follower_problems(self, now: float) -> list[str]:
+        """Return what is wrong with the reports on plan_time, in words."""
         problems, unknown = [], self.unknown_plan(now)
         if unknown is not None:
             problems.append(f'the follower plays plan {unknown}, which this planner does not '

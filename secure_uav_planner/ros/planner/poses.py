@@ -137,6 +137,7 @@ class PoseBook:
         self._latest = max(now, self._latest)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
+        """Keep a pose as the latest of its topic, unless a newer pose came just before."""
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.

@@ -149,6 +149,7 @@ class Relay(WorkingNode):
             self._guard_by_uav[name].change_frame(convert)
 
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
+        """Relay a setpoint that the guard takes to its autopilot; warn of any other."""
         if not self._is_enabled:
             return
         name, now = topic.partition('/')[0], self._now
@@ -176,6 +177,7 @@ class Relay(WorkingNode):
             self._publish(name, fields)
 
     def _on_timer(self) -> None:
+        """Hold the last place of a UAV without setpoints, and end a stream that is over."""
         now = self._now
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
@@ -243,6 +245,7 @@ class Relay(WorkingNode):
             self._publish_odometry(name, odometry, place)
 
     def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
+        """Publish the odometry of a vehicle in the frame of the mission."""
         header, position = odometry.header, odometry.pose.pose.position
         position.x, position.y, position.z = place
         header.frame_id = self._settings.frame_id

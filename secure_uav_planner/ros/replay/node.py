@@ -126,6 +126,7 @@ class Replay(WorkingNode):
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
+        """Create the topics, services and the timer of the setpoints."""
         topics, relay = dict(TOPICS['replay', 'pub']), '<uav>/relay'
         subscribe(self, {relay: TOPICS['replay', 'sub'][relay]}, self._on_relay, self._group,
                   self._uavs)
@@ -262,6 +263,7 @@ class Replay(WorkingNode):
     # Time
 
     def _on_tick(self) -> None:
+        """Advance the player, and publish the time of the plan and the setpoints that are due."""
         before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
         # Upper bound on the elapsed time in s, from the monotonic clock.
         longest = (_LONGEST_SIMULATED_TICK if is_simulated(self)
@@ -327,6 +329,7 @@ class Replay(WorkingNode):
                             f'{name}/odom') if topic in self._outputs)]
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
+        """Publish the setpoints of a moment, and its secrecy rate if true_eavesdropper is set."""
         for topic, message in messages.setpoint_messages(
                 self._flight.playback.plan.scenario, moment, self._frame_id, stamp):
             if topic in self._outputs:  # Without odometry where vehicles publish it.
@@ -351,6 +354,7 @@ class Replay(WorkingNode):
         self._is_promised = not slot
 
     def _announce_end(self) -> None:
+        """Log what was delivered; play again if `loop` is set."""
         delivered, jump = self._player.delivered, self._player.largest_jump
         what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
         detail = (' to the ground, whatever leaked (true_eavesdropper is not set)'
@@ -365,6 +369,7 @@ class Replay(WorkingNode):
 
 
 def _load_plan(file: str) -> Plan | None:
+    """Return the plan of a file, or None for no file; raise a ParameterError for a bad one."""
     try:
         return Plan.load(file) if file else None
     except (OSError, ValueError) as error:
