@@ -3,8 +3,8 @@ Coverage-guided fuzzing of everything that reads a file or the message of a plan
 
 `python test/fuzz_parsers.py KIND NEW SEEDS -max_total_time=60` changes the seeds of a kind until
 something other than an error of the package's tree is raised, a read takes more than 2 s of
-processor time or 60 s on the clock, or the process more than 1 GB. The folder NEW keeps inputs that
-reach new code. The options are those of libFuzzer. `make fuzz` does so for every kind.
+processor time or 60 s on the clock, or the process more than 1 GB. The folder NEW keeps inputs
+that reach new code. The options are those of libFuzzer. `make fuzz` does so for every kind.
 """
 
 from pathlib import Path

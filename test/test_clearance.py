@@ -196,9 +196,10 @@ def test_uavs_that_pass_too_close_between_points_are_refused():
 def test_a_flight_may_be_in_a_zone_or_beyond_the_fence_by_the_tolerance(limit, depth, is_refused):
     plan = passing_plan(4.0, 0.0, uavs=1)  # Along y = 0.
     area = ((10.0, -50.0), (20.0, -50.0), (20.0, depth), (10.0, depth))
-    scenario = replace(plan.scenario, **{limit: (NoFlyZone(area),) if limit == 'no_fly_zones' else (
-        (-50.0, 50.0), (-50.0, -50.0), area[0], area[3], area[2], area[1], (80.0, -50.0),
-        (80.0, 50.0))})
+    fence = ((-50.0, 50.0), (-50.0, -50.0), area[0], area[3], area[2], area[1], (80.0, -50.0),
+             (80.0, 50.0))
+    scenario = replace(plan.scenario, **{
+        limit: (NoFlyZone(area),) if limit == 'no_fly_zones' else fence})
     if is_refused:
         with pytest.raises(PlanError, match='is 2e-06 m'):
             replace(plan, scenario=scenario)
