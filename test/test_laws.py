@@ -173,7 +173,7 @@ def check_mission(folder, scenario, seed, has_pictures):
 
 
 @pytest.mark.parametrize('count', [
-    60, pytest.param(1000, marks=pytest.mark.soak)])
+    60, pytest.param(250, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.soak)])
 def test_any_mission_goes_through_everything(tmp_path, count):
     planned = []
 
@@ -207,7 +207,7 @@ def run(capsys, *arguments):
     return status == 0
 
 
-@pytest.mark.parametrize('count', [4, pytest.param(20, marks=pytest.mark.soak)])
+@pytest.mark.parametrize('count', [4, pytest.param(20, marks=pytest.mark.slow)])
 def test_the_command_does_what_any_file_asks_for_or_says_in_a_line_why_not(
         tmp_path, capsys, monkeypatch, count):
     monkeypatch.chdir(tmp_path)

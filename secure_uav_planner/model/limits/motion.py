@@ -51,7 +51,7 @@ class NormLimit(Limit):
 
     @property
     def compiled(self) -> core.Limit:
-        """The limit as the kernel reads it, in units of the grid."""
+        """Return the limit as the kernel reads it, in units of the grid."""
         grid, uavs = self.grid, len(self.longest)
         number = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
         inside = np.clip(number, 0, grid.slots + 1)[:, None]
