@@ -276,6 +276,16 @@ def gap_plan():
     return first, continue_plan(first, 4, solve(near, initial=tail))
 
 
+def test_a_tail_that_begins_in_a_gap_keeps_the_rest_of_the_gap():
+    _, plan = gap_plan()
+    for point in range(1, 8):
+        tail = cut_tail(plan, point)
+        assert tail.gaps == tuple(
+            (max(begin - 10.0 * point, 0.0), end - 10.0 * point)
+            for begin, end in plan.gaps if end > 10.0 * point)
+        assert tail.promised_slots.tolist() == plan.promised_slots[point:].tolist()
+
+
 def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
     """
     Before, slot 4 counted 7.60 bit/s/Hz while the receiver got 8.67 of 10.77.
