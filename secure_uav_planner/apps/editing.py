@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping
 import copy
 from dataclasses import asdict
-from functools import partial, reduce
+from functools import partial
 import itertools
 import json
 import math
-import operator
 import re
 from typing import Any, NamedTuple
 
@@ -69,14 +68,14 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
     if mission['geofence'] is not None:
         areas.insert(0, (('geofence',), ('geofence',), GEOFENCE, ''))
     for owner, place, color, text in areas:
-        vertices = reduce(operator.getitem, place, mission)
+        vertices = _get_value(mission, place)
         if circle := find_circle(vertices):
             yield Handle({**_draw_circle(*circle, color), 'opacity': 0.6, 'label': {'text': text}},
                          place, owner)
             continue
         # Plotly drags an open path by its line only, so that the map inside a fence stays free.
         is_fence = color == GEOFENCE
-        outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:is_fence]])
+        outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:int(is_fence)]])
         yield Handle({'type': 'path', 'path': f'M{outline}{"" if is_fence else "Z"}',
                       'line': {'color': color, 'width': 2}, 'opacity': 0.6,
                       'fillcolor': 'rgba(0,0,0,0)' if is_fence else color,
@@ -90,10 +89,12 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
 def _list_receivers(mission: Mission) -> Iterator[Handle]:
     """Yield Handles of discs, centres and ground nodes, one for each knot of a track."""
     for number, eve in enumerate(mission['eavesdroppers']):
-        owner, name = ('eavesdroppers', number), eve['name']
-        discs = [((*owner, 'track', knot), disc, f'{name} {time:g} s')
-                 for knot, (time, *disc) in enumerate(eve.get('track', ()))] or [
-                     (owner, (*eve['position'], eve['error_radius']), name)]
+        owner: FieldPath = 'eavesdroppers', number
+        name = eve['name']
+        discs: list[tuple[FieldPath, Any, str]] = [
+            ((*owner, 'track', knot), disc, f'{name} {time:g} s')
+            for knot, (time, *disc) in enumerate(eve.get('track', ()))] or [
+                (owner, (*eve['position'], eve['error_radius']), name)]
         for place, (x, y, radius), text in discs:
             removes = place if len(discs) > 2 else owner
             yield Handle({**_draw_circle(x, y, radius, EAVESDROPPER), 'opacity': 0.5},
@@ -103,16 +104,16 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
         (('ground_nodes', number), node)
         for number, node in enumerate(mission.get('ground_nodes', ()))] or [
             (('ground_node',), mission['ground_node'])]
-    for owner, node in nodes:
+    for node_path, node in nodes:
         knots = node.get('track', ()) if isinstance(node, Mapping) else ()
         for knot, (time, *point) in enumerate(knots):
-            place = (*owner, 'track', knot)
+            place = (*node_path, 'track', knot)
             yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), place, place)
         if not knots:
-            place, point = ((*owner, 'position'), node['position']) if isinstance(
-                node, Mapping) else (owner, node)
+            place, point = ((*node_path, 'position'), node['position']) if isinstance(
+                node, Mapping) else (node_path, node)
             yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), place,
-                         owner if len(nodes) > 1 else ())
+                         node_path if len(nodes) > 1 else ())
 
 
 def _draw_circle(x: float, y: float, radius: float, color: str) -> dict[str, Any]:
@@ -141,12 +142,20 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
             'label': {'text': text, 'textposition': 'bottom center', 'yanchor': 'top'}}
 
 
+def _get_value(mission: Mission, place: FieldPath) -> Any:
+    """Return the value at a place of a mission."""
+    value: Any = mission
+    for key in place:
+        value = value[key]
+    return value
+
+
 def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], Any]) -> Mission:
     """Return the mission with a changed value at a place; None removes a member of a list."""
-    mission, (*path, last) = copy.deepcopy(mission), place
-    owner: Any = reduce(operator.getitem, path, mission)
+    mission, last = copy.deepcopy(mission), place[-1]
+    owner: Any = _get_value(mission, place[:-1])
     owner[last] = change(owner[last])
-    if isinstance(owner, list) and owner[last] is None:
+    if owner[last] is None and not isinstance(last, str):
         del owner[last]
     return mission
 
@@ -171,11 +180,13 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
     """Return the new value after a drag of its shape, to 0.1 m; 0.01 m for a circle's corners."""
     if shape['type'] == 'circle' and isinstance(value, list) and isinstance(value[0], list):
         x, y, radius = find_circle(value) or (0.0, 0.0, 1.0)
-        *center, reach = _read_disc(shape, x, y, radius)
-        return np.round((np.subtract(value, (x, y)) * (reach / radius) + center), 2).tolist()
+        east, north, reach = _read_disc(shape, x, y, radius)
+        return np.round(
+            np.subtract(value, (x, y)) * (reach / radius) + (east, north), 2).tolist()
     if shape['type'] == 'circle':
-        moved = _read_disc(shape, *value[1:]) if isinstance(value, list) else _read_disc(
-            shape, *value['position'], value['error_radius'])
+        x, y, radius = value[1:] if isinstance(value, list) else (
+            *value['position'], value['error_radius'])
+        moved: tuple[float, ...] = _read_disc(shape, x, y, radius)
     elif 'xanchor' in shape:
         moved = (shape['xanchor'], shape['yanchor'])
     else:
@@ -188,13 +199,14 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
     return [*value[:first], *numbers, *value[first + len(numbers):]]
 
 
-def _read_disc(shape: Mapping[str, Any], x: float, y: float, radius: float) -> tuple[float, ...]:
+def _read_disc(shape: Mapping[str, Any], x: float, y: float,
+               radius: float) -> tuple[float, float, float]:
     """Return centre and radius of a dragged disc: the centre stays if the size changed."""
     x0, x1, y0, y1 = (float(shape[name]) for name in ('x0', 'x1', 'y0', 'y1'))
     if all(math.isclose(span, 2 * radius, abs_tol=1e-6) for span in (x1 - x0, y1 - y0)):
         return (x0 + x1) / 2, (y0 + y1) / 2, radius
-    reaches = x1 - x, x - x0, y1 - y, y - y0
-    return x, y, abs(max(reaches, key=lambda reach: abs(reach - radius)))
+    reach: float = max((x1 - x, x - x0, y1 - y, y - y0), key=lambda reach: abs(reach - radius))
+    return x, y, abs(reach)
 
 
 def read_field(mission: Mission, owner: str, field: str) -> Any:
@@ -222,7 +234,7 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
     """Return the mission with one more eavesdropper, jammer or zone near the middle of a map."""
     size = float(np.ptp(extent, axis=0).max() // 40)
     x, y = _find_room(mission, extent.mean(axis=0).round(), size)
-    field, member = {
+    members: dict[str, tuple[str, Mission]] = {
         'eavesdropper': ('eavesdroppers', {'position': [x, y], 'error_radius': size}),
         'zone': ('no_fly_zones', {'vertices': [
             [x - size, y - size], [x + size, y - size], [x + size, y + size],
@@ -231,7 +243,8 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
             **mission['uavs'][-1], 'start': [x - size, y], 'goal': [x + size, y],
             # The new UAV is above all UAVs by at least the separation, so that none is close.
             'altitude': max(uav['altitude'] for uav in mission['uavs'])
-            + max(10.0, mission['separation'] + 2 * mission['tracking_margin'])})}[kind]
+            + max(10.0, mission['separation'] + 2 * mission['tracking_margin'])})}
+    field, member = members[kind]
     names = {present['name'] for present in mission[field]}
     name = next(name for number in itertools.count(1) if (name := f'{kind}{number}') not in names)
     return {**mission, field: [*mission[field], copy.deepcopy({**member, 'name': name})]}

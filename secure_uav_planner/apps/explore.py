@@ -141,17 +141,18 @@ def explore_mission(options: argparse.Namespace) -> None:
 
 def make_app(source: MissionText, port: int) -> Dash:
     """Return the Dash app of a mission, which answers only pages of its own from this port."""
-    app = Dash(__name__, title='explore', update_title=None, index_string=PAGE)
+    app = Dash(__name__, title='explore', update_title='', index_string=PAGE)
     app.server.config['MAX_CONTENT_LENGTH'] = 2 * MOST_BYTES
     editors: dict[str, Editor] = {}
 
-    @app.server.before_request
     def refuse_others() -> None:
         # DNS rebinding shows in the host, and a request of another site in the origin.
         own = f'http://{request.host}'
         if request.host not in (f'{_HOST}:{port}', f'localhost:{port}') or request.headers.get(
                 'Origin', own) != own:
             abort(403)
+
+    app.server.before_request(refuse_others)
 
     def begin() -> html.Div:
         page = uuid.uuid4().hex
@@ -208,6 +209,7 @@ def make_app(source: MissionText, port: int) -> Dash:
             raise PreventUpdate
         if ctx.triggered_id['save'] == MISSION:
             return dcc.send_string(editor.text, MISSION)
+        assert editor.plan is not None
         with TemporaryDirectory() as folder:
             editor.plan.save(Path(folder) / PLAN)
             return dcc.send_file(Path(folder) / PLAN)

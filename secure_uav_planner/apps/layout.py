@@ -20,7 +20,7 @@ ADDED = ('eavesdropper', 'jammer', 'zone')
 _ROOM = 1 / 3  # Room around the mission on its map, in sizes of the mission.
 
 _slider = partial(dcc.Slider, marks=None)
-GROUPS = {
+GROUPS: dict[str, dict[str, tuple[str, str, partial[Any]]]] = {
     'Time': {'duration (s)': ('mission', 'duration', partial(_slider, 1, 1000, 1))},
     'Powers': {
         'mean, transmitter (W)': ('transmitter', 'average_power', partial(_slider, 0.05, 5, 0.05)),
@@ -141,7 +141,7 @@ def lay_out(page: str, name: str, scenario: Scenario, text: str, mission: Missio
         'yaxis': {**axis, 'title': 'north (m)', 'range': [low, high], 'scaleanchor': 'x'}})
     charts = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05).update_layout(shared)
     label_charts(charts, 1)
-    config = {'displayModeBar': False, 'edits': {'shapePosition': True}, 'scrollZoom': True}
+    config: Any = {'displayModeBar': False, 'edits': {'shapePosition': True}, 'scrollZoom': True}
     make_graph = partial(dcc.Graph, config=config, className='graph', responsive=True)
     steps = {'undo': 'undo', 'redo': 'redo', **{kind: f'+ {kind}' for kind in ADDED}}
     return html.Div(id='explore', children=[
@@ -169,7 +169,7 @@ def lay_out(page: str, name: str, scenario: Scenario, text: str, mission: Missio
             html.Div([html.H2('Mission file'), *(
                 html.Button(f'download {name}', id={'save': name}) for name in (MISSION, PLAN))],
                 className='bar'),
-            dcc.Textarea(id='yaml', value=text, spellCheck='false')]),
+            dcc.Textarea(id='yaml', value=text, spellCheck=False)]),
         dcc.Store(id='page', data=page), dcc.Store(id='version', data=0), dcc.Store(id='removed'),
         dcc.Store(id='drawn', data=0),
         dcc.Interval(id='tick', interval=200, n_intervals=0, max_intervals=0),

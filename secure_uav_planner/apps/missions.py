@@ -10,6 +10,7 @@ import tempfile
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..assessment import assess
 from ..errors import InfeasibleMissionError, OptionError
@@ -35,7 +36,7 @@ _FAR = 50.0  # Distance of a short track from all ends of flights, in _SHORT_TRA
 _Content = TypeVar('_Content')
 
 
-def load_input(path: str, load: Callable[[str], _Content] = Scenario.load) -> _Content:
+def load_input(path: str, load: Callable[[str], _Content]) -> _Content:
     """Load a file; raise an OptionError if it cannot be read."""
     try:
         return load(path)
@@ -103,7 +104,7 @@ def create_mission(options: argparse.Namespace) -> None:
 
 def check_mission(options: argparse.Namespace) -> None:
     """Report all that is wrong with a mission."""
-    scenario = load_input(options.mission)
+    scenario = load_input(options.mission, Scenario.load)
     with locating_errors(options.mission):
         plan = fly_hover_fly(lift_limits(scenario))
         if scenario.limits_energy:
@@ -156,12 +157,13 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:
     """Yield a note for each group of places in m that may be degrees, within _DEGREE."""
-    groups = [('starts, goals and receivers', scenario.landmarks), *(
+    groups: list[tuple[str, ArrayLike]] = [('starts, goals and receivers', scenario.landmarks), *(
         (name, zone.vertices) for name, zone in zip(
             scenario.zone_names, scenario.no_fly_zones, strict=True))]
     if scenario.geofence is not None:
         groups.append(('the geofence', scenario.geofence))
     for name, places in groups:
+        places = np.asarray(places)
         if np.ptp(places, axis=0).max() < _DEGREE and np.abs(places).max() <= 180.0:
             yield (f'{name}: all places are within {_DEGREE:g} m; are they degrees? Those are '
                    '{latitude: , longitude: }, and the mission has an origin')

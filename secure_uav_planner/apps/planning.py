@@ -93,7 +93,7 @@ def drawing_if_possible(file: Path) -> Iterator[None]:
 
 def make_plan(options: argparse.Namespace) -> None:
     """Plan a mission and write the results."""
-    scenario: Scenario = load_input(options.mission)
+    scenario = load_input(options.mission, Scenario.load)
     if options.mcap:
         with name_missing_package():
             from ..ros.recording import record
