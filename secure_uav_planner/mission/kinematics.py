@@ -23,7 +23,7 @@ DURATION = Number(1e-6, 1e8, 's')
 """The range of the duration of a mission."""
 
 _MOST_STEPS = 100  # Largest number of steps of a search for a duration.
-_MOST_NAMED = 20  # Number of rounded durations that are tried; the last is twice the first.
+_MOST_ROUNDINGS = 20  # Number of rounded durations that are tried; the last is twice the first.
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
         if high >= longest:
             return None
         low, below, high = high, above, min(2 * high, longest)
-    kept = 0.0
+    last_sign = 0.0  # Sign of the value at the last duration tried.
     for _ in range(_MOST_STEPS):
         if high <= low * (1 + accuracy):
             break
@@ -107,17 +107,17 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
             break
         value = _log(utilisation(middle))
         if value > 0:
-            low, below, above = middle, value, above / (2 if kept > 0 else 1)
+            low, below, above = middle, value, above / (2 if last_sign > 0 else 1)
         else:
-            high, above, below = middle, value, below / (2 if kept < 0 else 1)
-        kept = 1.0 if value > 0 else -1.0
-    named = round_up(high)
-    for power in range(_MOST_NAMED):
-        if named > longest:
+            high, above, below = middle, value, below / (2 if last_sign < 0 else 1)
+        last_sign = 1.0 if value > 0 else -1.0
+    rounded = round_up(high)
+    for power in range(_MOST_ROUNDINGS):
+        if rounded > longest:
             break
-        if utilisation(named) <= 1:
-            return named
-        named = round_up(named * (1 + 1e-6 * 2**power))
+        if utilisation(rounded) <= 1:
+            return rounded
+        rounded = round_up(rounded * (1 + 1e-6 * 2**power))
     return None
 
 

@@ -47,14 +47,14 @@ def list_features(text: str) -> list[tuple[Any, Any]]:
         features = checked_field(data, 'features', list, 'a list')
     read = {id(geometry) for feature in features if isinstance(feature, Mapping)
             for geometry in _list_geometries(feature.get('geometry'))}
-    has_either = False
+    is_ambiguous = False  # Whether the latitude may come first in the coordinates.
     for item in _list_objects(data):
         if item.get('type') in _AREAS and id(item) not in read:
             raise ScenarioError(f'it has a {item["type"]} that is not the geometry of a feature')
         if 'crs' in item:
-            has_either |= _may_begin_with_latitude(item['crs'])
+            is_ambiguous |= _may_begin_with_latitude(item['crs'])
     named = [(_find_name(_properties(feature)), feature) for feature in features]
-    return [(name, (feature, has_either)) for name, feature in named
+    return [(name, (feature, is_ambiguous)) for name, feature in named
             if _find_map_kind(feature) in (None, 'zone', 'geofence')]
 
 
@@ -124,7 +124,7 @@ def _find_map_kind(feature: Any) -> str | None:
 
 def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
     """Yield the areas of a feature; raise ScenarioError where it has none."""
-    feature, has_either = item
+    feature, is_ambiguous = item
     properties, is_fence = _properties(feature), _find_map_kind(feature) == 'geofence'
     geometry = checked_field(feature, 'geometry', Mapping, 'a polygon')
     _check_properties(properties)
@@ -136,7 +136,7 @@ def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
         ring, *holes = rings if isinstance(rings, list) and rings else [None]
         if holes:
             raise ScenarioError('it has a hole; cut it into polygons without one')
-        yield Area(_order_corners(ring, origin) if has_either else checked_corners(ring, 1),
+        yield Area(_order_corners(ring, origin) if is_ambiguous else checked_corners(ring, 1),
                    floor or 0.0, ceiling, is_fence)
 
 
