@@ -94,7 +94,7 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str 
     planner = [*parameters, '-p', f'method:={method}'] if method else parameters
     eve = scenario.eavesdroppers[0]
     position = np.subtract(eve.position, (eve.error_radius, 0.0))
-    replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}', '-p', 'autostart:=true',
+    replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}',
               '-p', f'true_eavesdropper:={position.tolist()}']
     with node_process('planner', planner), node_process('replay', replay), \
             SecurePlanner(scenario, on_status=_print_progress) as client:
@@ -102,6 +102,8 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str 
                           client.send_poses)
         print('planning ...', flush=True)
         plan = client.plan()
+        client.wait_until(lambda: client.status.track.state == 'waiting', 'the replay')
+        client.start()
         print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
         client.wait_until(lambda: client.status.track.state == 'ended', 'the end of the replay')
     return plan
