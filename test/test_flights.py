@@ -163,7 +163,8 @@ class FlownCase:
     # What happens
 
     def start(self):
-        self._client.call('replay/start')
+        # A replay that has just been started may not have the plan yet.
+        wait_for(lambda: self._client.call('replay/start').success, what='a start')
 
     def pause(self):
         self._client.call('replay/pause')
