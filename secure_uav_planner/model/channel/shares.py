@@ -173,7 +173,7 @@ def _solve_ties(rates: Array, owned: Array, parts: list[tuple[int, int]]) -> Arr
     :param owned: sum of the rates of the slots that each node owns, (G,).
     :param parts: tied slots and nodes that share them; as many as slots and nodes less one.
     """
-    slots = {slot: len(rates) + row for row, slot in enumerate(dict.fromkeys(dict(parts)))}
+    slots = {slot: len(rates) + row for row, slot in enumerate(dict(parts))}
     matrix = np.zeros((len(rates) + len(slots), len(parts) + 1))
     for column, (slot, node) in enumerate(parts):
         matrix[node, column] = rates[node, slot]
