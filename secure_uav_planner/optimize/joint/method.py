@@ -65,29 +65,23 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
         run_to_end(find_within_energy, driver)
     guaranteed, worst_case = (SolverDriver(incumbent.without_energy_limits(objective))
                               for objective in OBJECTIVES)
-    drivers = [guaranteed]
+    unlimited = [guaranteed.incumbent]
     status = _improve_guaranteed(guaranteed)
     if incumbent.scenario.receivers.radii.any() and not (
-            incumbent.objective == 'guaranteed' and _is_within_energy(incumbent, guaranteed)):
-        drivers.append(worst_case)
+            incumbent.objective == 'guaranteed'
+            and incumbent.problem.keeps_energy(guaranteed.incumbent.positions)):
+        unlimited.append(worst_case.incumbent)
         status = _improve_worst_case(worst_case, guaranteed)
-    for unlimited in drivers:
-        plan = unlimited.incumbent
+    for plan in unlimited:
         incumbent.try_improve(plan.positions, plan.useful_powers)
-    if all(_is_within_energy(incumbent, unlimited) for unlimited in drivers):
+    if all(incumbent.problem.keeps_energy(plan.positions) for plan in unlimited):
         return status
-    status = run_to_end(improve_within_energy, driver,
-                        [unlimited.incumbent for unlimited in drivers], guaranteed.optima)
+    status = run_to_end(improve_within_energy, driver, unlimited, guaranteed.optima)
     if math.isinf(incumbent.rate):
         incumbent.deadline.raise_if_over()
         raise InfeasibleMissionError(
             'no flights were found that keep max_energy and all other limits', ('uavs',))
     return status
-
-
-def _is_within_energy(incumbent: Incumbent, unlimited: SolverDriver) -> bool:
-    """Return True if the flights of a SolverDriver keep the limits of an incumbent's energy."""
-    return incumbent.problem.keeps_energy(unlimited.incumbent.positions)
 
 
 def _improve_guaranteed(driver: SolverDriver) -> Status:

@@ -44,7 +44,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
     offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
-    early = SolverDriver(incumbent, driver.grid, offsets[0])
+    early = SolverDriver(incumbent, elevation_offset=offsets[0])
     grid, first, batches = _generate_coarse_starts(driver)
     is_single = len(incumbent.scenario.ground_nodes) == 1
     search = MULTISTART.single_node if is_single else MULTISTART.several_nodes
@@ -72,7 +72,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             scale=min(rates.max(), 1.0))
     for offset in offsets[1:]:
         driver.descend(fine, MULTISTART.offset_mu, MULTISTART.offset_steps)
-        fine = SolverDriver(incumbent, driver.grid, offset).build_solver(
+        fine = SolverDriver(incumbent, elevation_offset=offset).build_solver(
             fine.grid, fine.x, np.maximum(fine.mu, DESCENT.coarse_mu))
     status = driver.finish(fine)
     if not agreed:
