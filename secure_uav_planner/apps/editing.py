@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 import copy
 from dataclasses import asdict
-from functools import partial
+from functools import partial, reduce
 import itertools
 import json
 import math
+import operator
 import re
 from typing import Any, NamedTuple
 
@@ -62,13 +63,12 @@ def list_handles(mission: Mission) -> list[Handle]:
 
 def _list_areas(mission: Mission) -> Iterator[Handle]:
     """Yield Handles of fence, zones and corners; removing a triangle's corner removes the area."""
-    areas: list[tuple[FieldPath, FieldPath, str, str]] = [
-        (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), NO_FLY_ZONE, zone['name'])
-        for number, zone in enumerate(mission['no_fly_zones'])]
+    areas: list[tuple[FieldPath, FieldPath, Any, str, str]] = [
+        (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), zone['vertices'],
+         NO_FLY_ZONE, zone['name']) for number, zone in enumerate(mission['no_fly_zones'])]
     if mission['geofence'] is not None:
-        areas.insert(0, (('geofence',), ('geofence',), GEOFENCE, ''))
-    for owner, place, color, text in areas:
-        vertices = _get_value(mission, place)
+        areas.insert(0, (('geofence',), ('geofence',), mission['geofence'], GEOFENCE, ''))
+    for owner, place, vertices, color, text in areas:
         if circle := find_circle(vertices):
             yield Handle({**_draw_circle(*circle, color), 'opacity': 0.6, 'label': {'text': text}},
                          place, owner)
@@ -142,22 +142,14 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
             'label': {'text': text, 'textposition': 'bottom center', 'yanchor': 'top'}}
 
 
-def _get_value(mission: Mission, place: FieldPath) -> Any:
-    """Return the value at a place of a mission."""
-    value: Any = mission
-    for key in place:
-        value = value[key]
-    return value
-
-
 def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], Any]) -> Mission:
     """Return the mission with a changed value at a place; None removes a member of a list."""
-    mission, last = copy.deepcopy(mission), place[-1]
-    owner: Any = _get_value(mission, place[:-1])
+    changed: Any = copy.deepcopy(mission)
+    owner, last = reduce(operator.getitem, place[:-1], changed), place[-1]
     owner[last] = change(owner[last])
     if owner[last] is None and not isinstance(last, str):
         del owner[last]
-    return mission
+    return changed
 
 
 def remove_member(mission: Mission, number: int) -> Mission:

@@ -205,11 +205,10 @@ def make_app(source: MissionText, port: int) -> Dash:
                   State('page', 'data'), prevent_initial_call=True)
     def download(_: Any, page: str) -> Any:
         editor = editors.get(page)
-        if editor is None or editor.plan is None and ctx.triggered_id['save'] == PLAN:
-            raise PreventUpdate
-        if ctx.triggered_id['save'] == MISSION:
+        if editor is not None and ctx.triggered_id['save'] == MISSION:
             return dcc.send_string(editor.text, MISSION)
-        assert editor.plan is not None
+        if editor is None or editor.plan is None:
+            raise PreventUpdate
         with TemporaryDirectory() as folder:
             editor.plan.save(Path(folder) / PLAN)
             return dcc.send_file(Path(folder) / PLAN)
