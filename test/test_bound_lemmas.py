@@ -355,6 +355,16 @@ def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(arguments)
     assert excess(**arguments) <= 0
 
 
+def change_multipliers(monkeypatch, change):
+    """Make certificates of multipliers of which some fields are changed."""
+    right = bound_attack.build_multipliers
+
+    def changed(search):
+        given = right(search)
+        return replace(given, **change(given))
+    monkeypatch.setattr(bound_attack, 'build_multipliers', changed)
+
+
 @pytest.mark.parametrize('change', [
     lambda given: {'v': given.v + 1.0}, lambda given: {'v': given.v - 0.2},
     lambda given: {'prices': given.prices - 1.0},
@@ -362,12 +372,7 @@ def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(arguments)
     lambda given: {'incumbents': given.incumbents - 5.0}],
     ids=['too large v', 'negative v', 'negative prices', 'equal breakpoints', 'low incumbents'])
 def test_any_multipliers_give_a_bound(change, monkeypatch):
-    right = bound_attack.build_multipliers
-
-    def changed(search):
-        given = right(search)
-        return replace(given, **change(given))
-    monkeypatch.setattr(bound_attack, 'build_multipliers', changed)
+    change_multipliers(monkeypatch, change)
     plan = solve(mission(3, jammers=0), objective='guaranteed')
     assert largest_excess(plan) <= 0
     proof = certify_plan(plan)[1]
@@ -377,17 +382,14 @@ def test_any_multipliers_give_a_bound(change, monkeypatch):
 @pytest.mark.parametrize('point, cells, weight', [
     (-1, slice(None), 0.9), (-1, 0, 0.9), (1, slice(None), 0.0), (1, 0, 0.0)])
 def test_breakpoints_that_do_not_rise_to_one_are_refused(point, cells, weight, monkeypatch):
-    right = bound_attack.build_multipliers
-
-    def changed(search):
-        given = right(search)
+    def change(given):
         weights = given.weights.copy()
         weights[:-1] = np.maximum(weights[:-1], 0.1)
         weights[point:point + 1 or None, cells] = weight
         if point < 0:
             weights = np.minimum(weights, weights[-1])
-        return replace(given, weights=weights)
-    monkeypatch.setattr(bound_attack, 'build_multipliers', changed)
+        return {'weights': weights}
+    change_multipliers(monkeypatch, change)
     with pytest.raises(AssertionError, match='rise to 1'):
         certify_plan(solve(mission(1), objective='guaranteed'))
 
