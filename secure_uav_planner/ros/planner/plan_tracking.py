@@ -157,7 +157,7 @@ class PlanTracking:
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
-        """Return in words why the promise of a flight has ended, or that it ends soon."""
+        """Return in words why the promise of a flight has ended, or when its gap ends."""
         plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []
