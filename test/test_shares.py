@@ -65,7 +65,7 @@ def pass_in_jumps(rng, slots):
 
 
 def pass_smoothly(rng, slots):
-    """Return rates of nodes that are passed smoothly, so that slots are alike, and none the same."""
+    """Return rates of nodes that are passed smoothly, so that no two slots are the same."""
     places, times = rng.random((16, 1)), np.linspace(0, 1, slots)
     rates = np.log1p(rng.uniform(0.01, 0.3, (16, 1)) / (0.05 + (places - times)**2)) - 0.03
     return np.maximum(rates, 0)
