@@ -38,7 +38,7 @@ public:
     }
 
     // Search, and replace the incumbents of the added functions by the bounds of their maxima.
-    void search(Array<double>& best) {
+    void search(Array<double>& bounds) {
         std::vector<Node> level{{terms_.bounding_box(group_), 0, items_.size()}};
         while (!level.empty()) {
             next_nodes_.clear();
@@ -47,7 +47,7 @@ public:
             std::swap(level, next_nodes_);
             std::swap(items_, next_items_);
         }
-        for (const Function& function : functions_) best[function.number] = function.bound;
+        for (const Function& function : functions_) bounds[function.number] = function.bound;
     }
 
 private:
@@ -102,22 +102,26 @@ private:
         if (next_items_.size() > begin) halve(box, cut, loosest, begin);
     }
 
-    // Halve a box along the side that contributes most to the bound of function k, whose expansion
-    // is f.
-    void halve(const Box& box, std::size_t k, const Expansion& f, std::size_t begin) {
-        // The score adds absolute curvatures, so that it also rises with curvatures that cancel and
-        // with negative ones where the box reaches beyond the set.
-        double size[3] = {};
+    // Add both halves of a box to the next level, where they share the items from `begin` on. The
+    // box is cut along the side that loosens the bound of `function` most; `sum` is the expansion
+    // of this function in the box.
+    void halve(const Box& box, std::size_t function, const Expansion& sum, std::size_t begin) {
+        // Absolute values are added, because curvatures that cancel in `sum`, and negative ones
+        // where the box reaches beyond the reachable set, loosen the bound too.
+        double curvature[3] = {};
         for (std::size_t part = 0; part < terms_.parts(); ++part) {
-            const Expansion& f = parts_[part];
-            const double factor = terms_.factor(k, part), curvature[3] = {f.ka, f.kb, f.kp};
-            for (int i = 0; i < 3; ++i) size[i] += factor * std::abs(curvature[i]);
+            const double factor = terms_.factor(function, part);
+            const Expansion& expansion = parts_[part];
+            curvature[0] += factor * std::abs(expansion.ka);
+            curvature[1] += factor * std::abs(expansion.kb);
+            curvature[2] += factor * std::abs(expansion.kp);
         }
-        const double slope[3] = {f.ga, f.gb, f.gp};
+        const double slope[3] = {sum.ga, sum.gb, sum.gp};
         int side = 0;
         double most = -1.0;
         for (int i = 0; i < terms_.dimensions(); ++i) {
-            const double score = (std::abs(slope[i]) + size[i] * box.half[i] / 2) * box.half[i];
+            const double score =
+                (std::abs(slope[i]) + curvature[i] * box.half[i] / 2) * box.half[i];
             if (score > most) {
                 most = score;
                 side = i;
@@ -142,13 +146,16 @@ private:
     std::vector<Node> next_nodes_;
 };
 
-// Replace the incumbents of functions by bounds of their maxima. All functions must be of one
-// group.
-void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buffer& incumbents,
-                  const py::buffer& tolerance, double budget) {
+// Prove an upper bound [nats] of the maximum of each of `functions`, which are indices of M
+// functions. They share the boxes of a branch and bound, and so must be of one group. `bounds` (M)
+// holds an incumbent of each function, a guess of the maximum, which the bound replaces.
+// `tolerances` (M): how far a bound may exceed the larger of the maximum and the incumbent.
+// `budget`: number of boxes after which a function's bound is taken as it is.
+void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buffer& bounds,
+                  const py::buffer& tolerances, double budget) {
     const Array<const std::int64_t> index(functions, "functions");
-    Array<double> best(incumbents, "incumbents", terms.size());
-    const Array<const double> tolerances(tolerance, "tolerance", terms.size());
+    Array<double> bound(bounds, "bounds", terms.size());
+    const Array<const double> tolerance(tolerances, "tolerance", terms.size());
     expect(index.size() > 0, "functions");
     for (std::size_t i = 0; i < index.size(); ++i)
         expect(index[i] >= 0 && std::size_t(index[i]) < terms.size()
@@ -157,10 +164,10 @@ void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buf
     const py::gil_scoped_release release;
     BranchAndBound tree(terms, terms.group(std::size_t(index[0])), budget);
     for (std::size_t i = 0; i < index.size(); ++i) {
-        const std::size_t k = std::size_t(index[i]);
-        tree.add(k, best[k], tolerances[k]);
+        const std::size_t function = std::size_t(index[i]);
+        tree.add(function, bound[function], tolerance[function]);
     }
-    tree.search(best);
+    tree.search(bound);
 }
 
 // Return the value at the centre of a box and the bound over it: for tests.

@@ -68,8 +68,9 @@ public:
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return values_; }
 
-    // Find the smoothed maximum of group g, for which `visit` has just been called. Fill its
-    // derivatives unless `slope` is null.
+    // Find tau log sum exp(value / tau) over the columns of group g, whose values `evaluate` has
+    // just filled; `best` is the index of the largest one. Unless `slope` is null, fill the slope
+    // and the Hessian by the group's unknowns: v, the potentials at both edges, and the price.
     double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const std::size_t e = eavesdroppers_, f = features_;
         const double top = values_[best];
@@ -88,6 +89,8 @@ public:
             const double weight = values_[c] / total;
             if (weight < NEGLIGIBLE) continue;
             const std::size_t column = g * columns_ + c;
+            // The row becomes the slope of the column's value. Lengths that are the same at all
+            // columns are added below.
             std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
             std::fill(row_.begin() + e, row_.end(), 0.0);
             double phi[5];

@@ -56,7 +56,10 @@ public:
         uavs_[uav].columns.push_back({value, leaks});
     }
 
-    // Minimise the bound approximately, beginning at v, and replace v by the result.
+    // Minimise the bound approximately over the eavesdroppers' multipliers v, beginning at the
+    // given v, which the result replaces. Every sweep first adds the best columns at v to the
+    // columns that the line searches use. Then it changes the sum of v, and moves a part of v from
+    // one eavesdropper's place to another for each pair of places.
     void minimise(double* v) {
         const std::size_t count = listeners_.size();
         std::vector<double> direction(count);

@@ -206,7 +206,9 @@ public:
     }
 
 private:
-    // Fill the expansions of log gains of the transmitter's links in a box of half diagonal rho.
+    // Fill the expansions in a box of the log gain of the transmitter's link to the ground node,
+    // and of minus the log gains of the transmitter's links to the eavesdroppers. `rho` is half the
+    // diagonal of the box.
     void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
         const double square = links_->altitude * links_->altitude;
         const double da = box.centre[0] - links_->ground[0];
@@ -217,30 +219,47 @@ private:
         f.ga = -2 / q * da;
         f.gb = -2 / q * db;
         f.ka = f.kb = max_radial_curvature(positive_part(d - rho), d + rho, links_->altitude);
-        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double ea = box.centre[0] - links_->places[2 * e];
-            const double eb = box.centre[1] - links_->places[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = positive_part(d - links_->radii[e]);
-            const double q = x * x + square, factor = 2 * x / (q * std::max(d, TINY));
-            Expansion& f = parts[e + 1];
-            f.value = std::log(q) - (links_->log_gain + links_->log_advantages[e]);
-            f.ga = factor * ea;
-            f.gb = factor * eb;
-            f.ka = f.kb = 2 / q;
-        }
+        for (std::size_t e = 0; e < eavesdroppers_; ++e)
+            expand_transmitter_leak(box, e, parts[e + 1]);
     }
 
-    // Fill the expansions of -phi(z0), phi(z_e) and the price of power in a box, by pi = log p;
-    // rho is half the box's diagonal in the plane.
+    // Fill the expansion in a box of minus the log gain of the transmitter's link to the nearest
+    // place in the disc of eavesdropper e.
+    void expand_transmitter_leak(const Box& box, std::size_t e, Expansion& f) const {
+        const double square = links_->altitude * links_->altitude;
+        const double da = box.centre[0] - links_->places[2 * e];
+        const double db = box.centre[1] - links_->places[2 * e + 1];
+        const double d = std::sqrt(da * da + db * db), x = positive_part(d - links_->radii[e]);
+        const double q = x * x + square, factor = 2 * x / (q * std::max(d, TINY));
+        f.value = std::log(q) - (links_->log_gain + links_->log_advantages[e]);
+        f.ga = factor * da;
+        f.gb = factor * db;
+        f.ka = f.kb = 2 / q;
+    }
+
+    // Fill the expansions in a box of a jammer's -phi(z0), phi(z_e) and price of power, as
+    // functions of its place and pi = log p. `rho` is half the diagonal of the box in the plane.
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
+        // Powers in the box are from watts / more to watts * more.
+        const double watts = std::exp(box.centre[2]), more = std::exp(box.half[2]);
+        expand_jammed_ground(box, rho, watts, more, parts[0]);
+        for (std::size_t e = 0; e < eavesdroppers_; ++e)
+            expand_jammed_leak(box, rho, watts, more, e, parts[e + 1]);
+        const double cost = price_ * watts;
+        Expansion& power_cost = parts[eavesdroppers_ + 1];
+        power_cost.value = power_cost.gp = -cost;
+        power_cost.kp = -cost / more;
+    }
+
+    // Fill the expansion in a box of -phi(z0) of the ground node; see expand_jammer.
+    void expand_jammed_ground(const Box& box, double rho, double watts, double more,
+                              Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
-        const double watts = std::exp(box.centre[2]), more = std::exp(width);
         const double da = box.centre[0] - links_->ground[0];
         const double db = box.centre[1] - links_->ground[1];
         const double d2 = da * da + db * db, q = d2 + square;
         const double received = std::exp(links_->log_gain) * watts, y = received / q;
         const double phi1 = y / (1 + y);
-        Expansion& f = parts[0];
         f.value = -std::log(1 + y);
         f.ga = 2 * phi1 / q * da;
         f.gb = 2 * phi1 / q * db;
@@ -256,35 +275,35 @@ private:
             f.ka += phi2_min * grad_max * (width / std::max(rho, TINY) - grad_max);
         }
         f.kb = f.ka;
-        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double gain = std::exp(links_->log_gain + links_->log_advantages[e]) * watts;
-            const double ea = box.centre[0] - links_->places[2 * e];
-            const double eb = box.centre[1] - links_->places[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = d + links_->radii[e];
-            const double q = x * x + square, y = gain / q, phi1 = y / (1 + y);
-            const double factor = -phi1 * 2 * x / (q * std::max(d, TINY));
-            Expansion& f = parts[e + 1];
-            f.value = std::log(1 + y);
-            f.ga = factor * ea;
-            f.gb = factor * eb;
-            f.gp = phi1;
-            const double low = positive_part(d - rho) + links_->radii[e], high = x + rho;
-            const double top = gain * more / (low * low + square);
-            const double least = gain / more / (high * high + square);
-            const double phi2_max = softplus_curvature(std::min(std::max(least, 1.0), top));
-            const double grad_max = max_gradient(low, high, links_->altitude);
-            // The product 2 G |dpi| |dq| of (|dpi| + G |dq|)^2 is bounded by multiples of |dpi|^2
-            // and |dq|^2.
-            const double plane = phi2_max * grad_max * (grad_max + width / std::max(rho, TINY));
-            const double curvature_max = max_radial_curvature(low, high, links_->altitude);
-            const double at = curvature_max > 0 ? top : least;
-            f.ka = f.kb = plane + at / (1 + at) * curvature_max;
-            f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
-        }
-        const double cost = price_ * watts;
-        Expansion& power_cost = parts[eavesdroppers_ + 1];
-        power_cost.value = power_cost.gp = -cost;
-        power_cost.kp = -cost / more;
+    }
+
+    // Fill the expansion in a box of phi(z_e) at the farthest place in the disc of eavesdropper e;
+    // see expand_jammer.
+    void expand_jammed_leak(const Box& box, double rho, double watts, double more, std::size_t e,
+                            Expansion& f) const {
+        const double square = links_->altitude * links_->altitude, width = box.half[2];
+        const double received = std::exp(links_->log_gain + links_->log_advantages[e]) * watts;
+        const double da = box.centre[0] - links_->places[2 * e];
+        const double db = box.centre[1] - links_->places[2 * e + 1];
+        const double d = std::sqrt(da * da + db * db), x = d + links_->radii[e];
+        const double q = x * x + square, y = received / q, phi1 = y / (1 + y);
+        const double factor = -phi1 * 2 * x / (q * std::max(d, TINY));
+        f.value = std::log(1 + y);
+        f.ga = factor * da;
+        f.gb = factor * db;
+        f.gp = phi1;
+        const double low = positive_part(d - rho) + links_->radii[e], high = x + rho;
+        const double top = received * more / (low * low + square);
+        const double least = received / more / (high * high + square);
+        const double phi2_max = softplus_curvature(std::min(std::max(least, 1.0), top));
+        const double grad_max = max_gradient(low, high, links_->altitude);
+        // The product 2 G |dpi| |dq| of (|dpi| + G |dq|)^2 is bounded by multiples of |dpi|^2
+        // and |dq|^2.
+        const double plane = phi2_max * grad_max * (grad_max + width / std::max(rho, TINY));
+        const double curvature_max = max_radial_curvature(low, high, links_->altitude);
+        const double at = curvature_max > 0 ? top : least;
+        f.ka = f.kb = plane + at / (1 + at) * curvature_max;
+        f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
     }
 
     // Add the expansion of the potential, and the margin for rounding.

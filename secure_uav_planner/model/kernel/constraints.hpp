@@ -35,7 +35,8 @@ public:
 
     bool have_lines = false;  // Whether any limit chooses lines before every step.
 
-    // Choose lines at x. The evaluation `here` at x and the trials of the line search share them.
+    // Choose the lines of all limits that have lines for the flights at x. The evaluation `here`
+    // at x, and the evaluation `trial` of a step from x, then have these lines.
     void choose_lines(const double* x, Evaluation& here, Evaluation& trial) {
         here.slacks.resize(kinds_);
         trial.slacks.resize(kinds_);
@@ -170,6 +171,7 @@ public:
         Reals& shares = slopes_.back().values;
         shares.assign(p_.share_slacks(), 0.0);
         for_shares([&](std::size_t i, std::size_t share, std::size_t first) {
+            // The first share of a slot is 1 minus the slot's other shares.
             shares[first] -= step[i];
             shares[share] = step[i];
         });
@@ -207,7 +209,9 @@ public:
             if (iterate.over[u]) iterate.duals[energies_][u] = find_price(iterate, u);
     }
 
-    // Choose which energies have a price at first: those with a price below the barrier's slope.
+    // Decide for each UAV how the limit of its energy enters the barrier function at first: by a
+    // price (`over`), or by a barrier term. A price is used if the limit is exceeded or if the
+    // price is below the slope weight / slack of the barrier term.
     void initialise_energies(Iterate& iterate, double mu) {
         if (!p_.energies) return;
         Reals energies;

@@ -213,28 +213,33 @@ void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buff
     }
 }
 
-// Fill proven upper bounds of the leak in every slot; see core.pyi.
+// Prove for every slot an upper bound of the leak [bit/s/Hz] to an eavesdropper anywhere in its P
+// discs, by branch and bound. `slots` (P): slot of each disc, ascending. `most` (P): upper bound of
+// each disc's leak by a formula. `leaks` gets the bounds; `worst_discs` and `places` get the disc
+// and the place of the largest leak that the search finds in each slot. See core.pyi for units.
 void prove_leaks(const py::dict& args, const py::buffer& slots, const py::buffer& most,
                  std::int64_t most_sectors, double tolerance, const py::buffer& leaks,
                  const py::buffer& worst_discs, const py::buffer& places) {
     const Discs discs = make_discs(args);
-    const Array<const std::int64_t> slot(slots, "slots", discs.count);
-    const Array<const double> bound(most, "most", discs.count);
+    const Array<const std::int64_t> slot_of(slots, "slots", discs.count);
+    const Array<const double> formula_bound(most, "most", discs.count);
     const Array<double> leak(leaks, "leaks");
-    const Array<std::int64_t> disc(worst_discs, "discs", leak.size());
+    const Array<std::int64_t> worst_disc(worst_discs, "discs", leak.size());
     const Array<double> place(places, "places", 2 * leak.size());
     for (std::size_t i = 0; i < discs.count; ++i)
-        expect(slot[i] >= (i ? slot[i - 1] : 0) && std::size_t(slot[i]) < leak.size(), "slots");
+        expect(slot_of[i] >= (i ? slot_of[i - 1] : 0) && std::size_t(slot_of[i]) < leak.size(),
+               "slots");
     const py::gil_scoped_release release;
-    DiscSearch search(discs, bound.data(), most_sectors, tolerance);
-    std::int64_t examined = 0;
+    DiscSearch search(discs, formula_bound.data(), most_sectors, tolerance);
+    std::int64_t examined = 0;  // Sectors since the last check for signals, and one a slot.
     for (std::size_t begin = 0, end = 0; begin < discs.count; begin = end) {
-        while (end < discs.count && slot[end] == slot[begin]) ++end;
+        const std::int64_t slot = slot_of[begin];
+        while (end < discs.count && slot_of[end] == slot) ++end;
         examined += search.search(begin, end) + 1;
-        leak[slot[begin]] = search.leak();
-        disc[slot[begin]] = std::int64_t(search.incumbent_disc());
-        place[2 * slot[begin]] = search.incumbent().x;
-        place[2 * slot[begin] + 1] = search.incumbent().y;
+        leak[slot] = search.leak();
+        worst_disc[slot] = std::int64_t(search.incumbent_disc());
+        place[2 * slot] = search.incumbent().x;
+        place[2 * slot + 1] = search.incumbent().y;
         if (examined < CHECK_INTERVAL) continue;
         kernel::check_signals();
         examined = 0;

@@ -77,13 +77,14 @@ public:
     }
 
 private:
-    // Call a function with the index of every move, the move, and its UAV.
+    // Call a function with the index of every move on a path, the move, and the UAV that moves.
     template <typename Function>
     void visit(const double* path, Function function) const {
         std::vector<Point> moves;
         moves_.find(path, false, moves);
+        const std::size_t moves_of_uav = moves.size() / terms_.size();
         for (std::size_t i = 0; i < moves.size(); ++i)
-            function(i, moves[i], i * terms_.size() / moves.size());
+            function(i, moves[i], i / moves_of_uav);
     }
 
     const Vectors moves_;

@@ -218,9 +218,12 @@ private:
         return evaluate(x, y);
     }
 
-    // Find a lower bound, over a sector, of the change of the quadratic below v from its value at
-    // the place. It is the larger of two: over the square around the ball, along the Hessian's
-    // eigenvectors; and over the sector with its curved edges, by the Hessian's least eigenvalue.
+    // Find a lower bound of the change of a quadratic over a sector, from the sector's candidate
+    // place at `radius` on its middle ray. The quadratic is a Taylor polynomial at this place: it
+    // has the gradient of `v`, and the Hessian of `v` minus `hessian_error` times the identity.
+    // The bound is the larger of two: over the square around the ball of radius `ball`, along the
+    // Hessian's eigenvectors; and over the sector with its curved edges, by the Hessian's least
+    // eigenvalue. `cosine` and `sine` are of the middle ray; `sine2` is sin(half / 2)^2.
     static double bound_change(const Derivatives& v, const Sector& sector, double radius,
                                double sine2, double cosine, double sine, double ball,
                                double hessian_error) {

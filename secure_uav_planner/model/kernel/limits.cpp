@@ -100,15 +100,18 @@ Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
             int(flags.shape(2))};
 }
 
+// Make the limit that keeps A UAVs out of obstacles. `polygons` (A, Z, V, 2): the Z obstacles of
+// each UAV, with V vertices each. The third axis of `control_points` and `ignored`, of length G,
+// has G / A pairs for each UAV. Each pair has a line to an obstacle, so G / A is at most Z.
 std::shared_ptr<ZoneLimit> make_zone_limit(const Vectors& control_points,
                                            const py::buffer& ignored, const py::buffer& polygons) {
     const Pieces pieces = make_pieces(control_points, ignored);
     const Array<const double> corners(polygons, "polygons");
     expect(corners.axes() == 4 && corners.shape(3) == 2, "polygons");
     const std::size_t uavs = corners.shape(0), zones = corners.shape(1);
-    const std::size_t vertices = corners.shape(2), pairs = pieces.pairs;
-    expect(vertices >= 1 && uavs >= 1 && pairs >= uavs && pairs % uavs == 0
-               && pairs / uavs <= zones, "polygons");
+    const std::size_t vertices = corners.shape(2);
+    expect(vertices >= 1 && uavs >= 1 && pieces.pairs >= uavs && pieces.pairs % uavs == 0
+               && pieces.pairs / uavs <= zones, "polygons");
     return std::make_shared<ZoneLimit>(
         pieces, copy_points(polygons, "polygons", uavs * zones * vertices), int(uavs), int(zones),
         int(vertices));
@@ -131,7 +134,9 @@ std::shared_ptr<FenceLimit> make_fence_limit(const Vectors& control_points,
     return std::make_shared<FenceLimit>(pieces, std::move(sides));
 }
 
-// Fill the lines that a limit chooses for a path; see core.pyi.
+// Choose lines normal . p = offset that separate the pieces of a path, (M, U, 2), from what they
+// must clear: one line for each of M pieces and G pairs of `limit`. Fill the unit `normals`,
+// (M, G, 2), and the `offsets`, (M, G).
 void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buffer& normals,
                   const py::buffer& offsets) {
     const Array<const double> points(path, "path");
@@ -142,6 +147,7 @@ void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buff
     kernel::LineSet set;
     limit.choose_lines(points.data(), set);
     for (std::size_t i = 0; i < pieces; ++i) {
+        // The control points of a piece share a line.
         const kernel::Line& line = set.lines[i * limit.controls()];
         normal[2 * i] = line.normal.x;
         normal[2 * i + 1] = line.normal.y;

@@ -33,7 +33,8 @@ public:
     int controls() const { return controls_; }
     bool has_lines() const override { return true; }
 
-    // Choose the lines of all pieces on a path.
+    // Choose a line for each piece of the curves on a path, (M, U), which separates the piece from
+    // what it must clear. `lines` has the line once for each control point of the piece.
     void choose_lines(const double* path, LineSet& lines) const override {
         std::vector<Point> points;
         vectors().find(path, false, points);
@@ -43,10 +44,10 @@ public:
     }
 
 protected:
-    // Choose the lines of the `pieces` around a point, (G, K). `first` is the index of their first
-    // vector.
+    // Choose the lines of the G pieces around one point, whose control points are `pieces`, (G, K).
+    // `first` is the index of the first of these control points among all.
     virtual void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const = 0;
-    // Set the line of a piece. `first` is the index of its first vector.
+    // Set the line of a piece. `first` is the index of the piece's first control point among all.
     void set_line(std::size_t first, const Line& line, LineSet& lines) const {
         std::fill_n(lines.lines.begin() + first, controls_, line);
     }

@@ -45,7 +45,9 @@ public:
     }
 
     // Find the shares, (N, G), that minimise the barrier function for the rates of an evaluation.
-    // Newton's method on the dual problem finds a price for each node's rates.
+    // In the dual problem each node has a price, and the prices add up to 1. For given prices,
+    // `share_slot` finds the shares of each slot alone. Newton's method finds the prices, while the
+    // barrier parameter `level` falls to mu.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
         const int G = nodes_, H = G + 1;
         const Reals offsets = sum_offsets();
@@ -61,6 +63,7 @@ public:
         for (double level = std::max(mu, rate_unit_); ;
              level = std::max(mu, SHARES_MU_FACTOR * level)) {
             for (int step = 0; step < SHARE_STEPS; ++step) {
+                // Newton's system for the prices; its last row keeps the sum of the prices.
                 std::fill(matrix.begin(), matrix.end(), 0.0);
                 for (int k = 0; k < G; ++k) right[k] = -offsets[k];
                 right[G] = 0.0;
