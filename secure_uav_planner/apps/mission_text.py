@@ -209,12 +209,13 @@ def _find_column(node: yaml.Node) -> int:
 
 
 def _find_end(text: str, node: yaml.Node) -> int:
-    """Return where the last value of a node ends, before comments."""
+    """Return the index in the text at which the last value of a node ends, before comments."""
     if isinstance(node, yaml.ScalarNode) or node.flow_style:
         return node.end_mark.index
     ends = [node.start_mark.index]
     for item in node.value:
         key, value = item if isinstance(item, tuple) else (item, item)
+        # An alias (*name) has the marks of the value that it repeats, which stands before its key.
         is_alias = value.start_mark.index < key.start_mark.index
         ends.append(_find_line_end(text, key.end_mark.index) if is_alias
                     else _find_end(text, value))

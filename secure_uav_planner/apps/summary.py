@@ -95,7 +95,7 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
             for method, chosen in group.dropna(subset='rate').groupby('method', sort=False):
                 axes.hist(chosen.rate, bins=30, alpha=0.6, label=method)
         else:
-            _draw_lines(axes, frame, group)
+            _draw_rates(axes, frame, group)
         axes.set_xlabel(label if name is None else _label_field(name))
         axes.set_ylabel('missions' if name is None else label)
         if is_split:
@@ -127,8 +127,18 @@ def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | Non
     return frame.astype({'rate': float})
 
 
-def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
-    """Draw the rates of a group over x: a colour for each second value, a dash for each method."""
+def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
+    """
+    Draw the rates of missions over the first field x, for each method and second value.
+
+    A line shows medians, and two thin lines show the quantiles 0.1 and 0.9. Each value of the
+    second field has a colour, and each method a dash. Without a second field, each method has a
+    colour, and baselines are grey. A point is hollow, with the number of flown missions, if some
+    missions of its x could not be flown; a cross on the axis shows that none could be flown.
+
+    :param frame: DataFrame of all missions of the figure, which fixes colours and dashes.
+    :param group: rows of the frame that are drawn into `axes`.
+    """
     from ..output.drawing import scheme_dash, scheme_name, uav_color
     schemes = {method: method.partition(', ')[0] for method in frame.method.unique()}
     methods = [method for method, scheme in schemes.items() if scheme not in BASELINES]
@@ -149,6 +159,7 @@ def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
             axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)
         for x in band.index:
             is_flown = flown[x] > 0
+            # The height of a cross is 0.02 of the axes.
             axes.plot(x, band[0.5][x] if is_flown else 0.02, 'o' if is_flown else _EMPTY_POINT,
                       color=color, markersize=5, clip_on=False, markerfacecolor=(
                           color if flown[x] == asked[x] else 'white'),

@@ -72,6 +72,7 @@ class Curve:
         self._step = scenario.slot_duration
         self._last = positions.shape[1] - 1
         self._smooth = scenario.limits_acceleration
+        # A limit of acceleration makes the curve half a slot longer at both ends.
         margin = self._step / 2 if self._smooth else 0.0
         self.begin = 0.0 - margin  # Not -0.0.
         self.end = self._last * self._step + margin

@@ -163,11 +163,13 @@ class Grid:
 
 def resample_curve(points: Array, moves: Array, count: int) -> Array:
     """
-    Return the control points (U, count, 2) of nearly the same B-spline (U, M, 2) in other slots.
+    Return the control points (U, count, 2) of nearly the same B-spline with other slots.
 
-    A curve begins and ends half a slot beyond its points, and half a slot differs between the two
-    grids. So time is warped, while the ends keep their velocities.
+    A B-spline begins half a slot before its first control point and ends half a slot after its
+    last one. Time is warped so that both B-splines begin together and end together; the velocities
+    at both ends are kept.
 
+    :param points: control points of the given B-spline, (U, M, 2).
     :param moves: differences of the points with both ends, (U, M+1, 2), see add_end_moves.
     """
     last, first_move, last_move = points.shape[1] - 1, moves[:, :1], moves[:, -1:]

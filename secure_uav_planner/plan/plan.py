@@ -129,7 +129,7 @@ class Plan(RatedFlight):
         self._check_ends()
         Problem(self.scenario).validate(self.positions, self.powers)
         self.clearance.validate()
-        self._set_shares()
+        self._complete_shares()
 
     def _check_start(self, start_ns: object) -> None:
         """Raise a PlanError unless start_ns can be stamped; make it an int."""
@@ -141,13 +141,17 @@ class Plan(RatedFlight):
                             ('start_ns',))
         object.__setattr__(self, 'start_ns', int(start_ns))
 
-    def _set_shares(self) -> None:
-        """Check the shares; without any, set the shares with the largest rate."""
+    def _complete_shares(self) -> None:
+        """
+        Check `shares`, the fraction of each slot for each ground node, (G, N).
+
+        If `shares` is None, compute the fractions that give the largest rate of the objective.
+        """
         nodes, slots = len(self.scenario.ground_nodes), self.scenario.slots
         if self.shares is None:
-            object.__setattr__(self, 'shares', find_shares(
-                self.scenario,
-                np.zeros((1, slots)) if nodes == 1 else self._find_node_rates(self.objective)))
+            # A single node gets all slots, whatever its rates are.
+            rates = np.zeros((1, slots)) if nodes == 1 else self._find_node_rates(self.objective)
+            object.__setattr__(self, 'shares', find_shares(self.scenario, rates))
         shares = _checked_array('shares', self.shares, (nodes, slots))
         if shares.min() < 0 or shares.sum(axis=0).max() > 1 + _ROUNDING:
             raise PlanError(f'shares is {quote(self.shares)}; they must be at least 0, and at '
@@ -260,12 +264,17 @@ class Plan(RatedFlight):
                     * step)
         if self.promised_until is not None and self.promised_until <= until:
             return self
-        plan = self._replace(promised_until=until)
+        plan = self._replace_and_keep_rates(promised_until=until)
         plan.__dict__.pop('promised_slots', None)
         return plan
 
-    def _replace(self, **changes: Any) -> 'Plan':
-        """Return a copy with changed fields, which keeps cached rates: the changes must too."""
+    def _replace_and_keep_rates(self, **changes: Any) -> 'Plan':
+        """
+        Return a copy of this plan with other values in some fields.
+
+        Rates and other properties that this plan has computed are not computed again for the copy.
+        So no such property may depend on the changed fields, or the caller must delete it.
+        """
         plan, names = replace(self, **changes), {field.name for field in fields(self)}
         plan.__dict__.update({name: value for name, value in self.__dict__.items()
                               if name not in names})
@@ -278,7 +287,7 @@ class Plan(RatedFlight):
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
         :raises PlanError: for anything else.
         """
-        return self._replace(bound=bound)
+        return self._replace_and_keep_rates(bound=bound)
 
     def evaluate(self) -> 'Plan':
         """Evaluate the rates now, which the plan then keeps; return the plan itself."""

@@ -208,7 +208,15 @@ def _list_values(group: Any, prefix: str) -> Iterator[tuple[str, object]]:
 
 
 def _read(kind: Any, node: _Node, key: str) -> Any:
-    """Return the value of a kind in a node of the tree of a message."""
+    """
+    Return the value of a type that is read from the keys of a message.
+
+    :param kind: type of the value: a dataclass, whose fields are read from the keys below; a dict
+        of names; or a type such as float, for which the text 'none' is NaN.
+    :param node: the keys below `key`, each with a node of its own; the text at `key` under None.
+    :param key: the key with a final dot, for the error.
+    :raises OptionError: for a text that the type does not take.
+    """
     if is_dataclass(kind):
         hints = get_type_hints(kind)
         nodes: dict[str, Any] = {

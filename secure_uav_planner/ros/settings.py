@@ -184,7 +184,7 @@ def uav_from(values: Mapping[str, Any], name: str) -> Uav:
 
 
 def channel_from(values: Mapping[str, Any]) -> Channel:
-    """Return the Channel of the parameter values."""
+    """Return the Channel of the parameter values; without an outage it has no fading."""
     fields = read_fields('planner', Channel, values)
     los, numbers = values['channel.los'], values['channel.los_numbers']
     if numbers and los != NO_LOS:

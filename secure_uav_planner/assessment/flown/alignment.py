@@ -226,16 +226,26 @@ def _begins_at_rest(log: VehicleLog) -> bool:
 
 
 def _find_departure(times: Array, positions: Array, start: Array) -> float | None:
-    """Return the time in s at which a vehicle leaves a start, or None if it stays."""
+    """
+    Return the time [s] at which a vehicle is _LEFT_M from its start, or None if it stays there.
+
+    If the vehicle comes back to its start before it is _FAR_M away, the last time counts.
+
+    :param times: times of the positions, (K,) in s.
+    :param positions: positions of the vehicle, (K, 2) in m.
+    :param start: planned start, (2,) in m. If no position is within _LEFT_M of the planned start,
+        the frame of the positions is another one, and the first position replaces it.
+    """
+    # The first pass measures distances from the planned start, and the second pass from where the
+    # vehicle stood _STOOD_S before it left in the first pass.
     for _ in range(2):
         distances = np.linalg.norm(positions - start, axis=1)
-        if distances.min() > _LEFT_M:  # The frame is another: it leaves the place where it begins.
+        if distances.min() > _LEFT_M:
             distances = np.linalg.norm(positions - positions[0], axis=1)
         arrival = int(np.argmax(distances <= _LEFT_M))
         most = min(_FAR_M, distances[arrival:].max())
         far = arrival + int(np.argmax(distances[arrival:] >= most))
         near = int(np.flatnonzero(distances[:far + 1] <= _LEFT_M)[-1])
-        # The second time, the place where the vehicle stood is the start.
         start = positions[np.searchsorted(times, times[near] - _STOOD_S)]
     if near == far:
         return None

@@ -179,7 +179,11 @@ class ReachableSet:
                           back - self.to_goal[:, None, None])
 
     def _crossing(self) -> Array:
-        """Return the first coordinate at which the two circles cross, (G,); NaN if they do not."""
+        """
+        Return where the circles around the start and the goal cross, (G,) in units along the axis.
+
+        Their radii are `from_start` and `to_goal`. A group whose circles do not cross has NaN.
+        """
         near, far, distance = self.from_start, self.to_goal, self.distance
         if distance < 1e-9:
             return np.full(len(near), np.nan)

@@ -111,7 +111,12 @@ class ArrowSystem:
         return groups, edges
 
     def _assemble_band(self, groups: Array, edges: Array) -> Array:
-        """Return the band's lower diagonals; an edge and the next group's v form a block."""
+        """
+        Return the lower diagonals of the Hessian's band, as scipy's cholesky_banded takes them.
+
+        The band's unknowns are the potentials at each edge, followed by the v of the group after
+        the edge.
+        """
         (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
             self.layout.after.start)
         band = np.zeros((count, shift, size))
@@ -125,7 +130,12 @@ class ArrowSystem:
         return np.asarray(band.reshape(-1, size).T)
 
     def _assemble_border(self, groups: Array) -> Array:
-        """Return the prices' columns beside the band, and the gradient as the last column."""
+        """
+        Return the right sides of the band's linear systems, a row for each unknown of the band.
+
+        The first columns are the mixed derivatives by the unknown and by each UAV's price; the
+        last column is the gradient.
+        """
         (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
             self.layout.after.start)
         border = np.zeros((count, shift, len(self.price) + 1))

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .columns import ColumnPool, Columns, pack_columns
 from .dual import Dual
@@ -66,20 +67,18 @@ class MultiplierSearch:
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
         self.team, self.raise_if_over, self._damping = team, raise_if_over, 1e-6
         regions, groups = team.regions, team.groups
+        # The point in the middle of each group represents the group.
         middle = (groups.first + groups.last) // 2
         places = [region.local(path[middle]) for region, path in zip(regions, positions)]
         watts = np.maximum(powers[:, middle - 1], 0.0)
-        sending = np.flatnonzero(watts[0] > AUDIBLE * regions[0].average)
-        if len(sending):
-            group = np.arange(len(middle))[:, None]
-            watts = watts[:, sending[np.abs(sending - group).argmin(1)]]
-        else:
-            watts = np.repeat([[region.average] for region in regions], len(middle), axis=1)
+        sends = watts[0] > AUDIBLE * regions[0].average
+        watts = _fill_silent_groups(team, watts, sends)
         self.pools = [ColumnPool(*parts) for parts in zip(regions, places, watts)]
-        layout = PotentialLayout.of(False, team.accelerates)
         self.weight, v, prices = suggest_multipliers(team, places, watts)
-        if not len(sending):
+        if not sends.any():
             prices[0] = FIRST_PRICE
+        # The search begins with linear potentials that are 0.
+        layout = PotentialLayout.of(False, team.accelerates)
         self.point = DualPoint(
             layout, np.zeros((len(groups.edges), len(regions), layout.acceleration.stop)), v,
             prices)
@@ -167,6 +166,23 @@ class MultiplierSearch:
             self._damping *= 10
         self._damping = 1.0
         return 0.0
+
+
+def _fill_silent_groups(team: Team, watts: Array, sends: NDArray[np.bool_]) -> Array:
+    """
+    Return powers (U, G) in W in which the transmitter sends in every group of slots.
+
+    A silent group takes the powers of the nearest group in which the transmitter sends. If the
+    transmitter never sends, all powers are the UAVs' average powers.
+
+    :param watts: powers of a plan, (U, G) in W.
+    :param sends: whether the transmitter sends in each group, (G,).
+    """
+    sending = np.flatnonzero(sends)
+    if not len(sending):
+        return np.repeat([[region.average] for region in team.regions], len(sends), axis=1)
+    group = np.arange(len(sends))[:, None]
+    return np.asarray(watts[:, sending[np.abs(sending - group).argmin(1)]])
 
 
 def suggest_multipliers(team: Team, places: list[Array], watts: Array

@@ -57,16 +57,13 @@ class ZoneLimit(LineLimit):
     """
 
     def __init__(self, grid: Grid) -> None:
-        obstacles = grid.airspace.obstacles
-        uavs = [uav for uav, polygons in enumerate(obstacles) if polygons]
-        most = max(len(obstacles[uav]) for uav in uavs)
-        corners = max(len(obstacle.vertices) for uav in uavs for obstacle in obstacles[uav])
-        super().__init__(grid, np.repeat(uavs, min(most, MOST_LINES)))
-        # Obstacles of each UAV in `uavs`, repeated up to the same number: (A, Z, V, 2) in units.
-        self._polygons: Array = (np.array([
-            [np.pad(polygon, ((0, corners - len(polygon)), (0, 0)), 'edge')
-             for polygon, _ in islice(cycle(obstacles[uav]), most)]
-            for uav in uavs]) - grid.origin) / grid.length
+        outlines = {uav: [obstacle.vertices for obstacle in obstacles]
+                    for uav, obstacles in enumerate(grid.airspace.obstacles) if obstacles}
+        polygons = _stack_polygons(list(outlines.values()))
+        # Every UAV with obstacles has the same number of lines.
+        lines = min(polygons.shape[1], MOST_LINES)
+        super().__init__(grid, np.repeat(list(outlines), lines))
+        self._polygons: Array = (polygons - grid.origin) / grid.length
 
     @classmethod
     def applies_to(cls, airspace: Airspace) -> bool:
@@ -75,6 +72,19 @@ class ZoneLimit(LineLimit):
     @cached_property
     def compiled(self) -> core.ZoneLimit:
         return core.ZoneLimit(self.compiled_points, self.ignored, self._polygons)
+
+
+def _stack_polygons(polygons: list[list[Array]]) -> Array:
+    """
+    Return the polygons of each of A UAVs, (V, 2) each, in one array (A, Z, V, 2).
+
+    A UAV with fewer polygons than another one has its polygons again. A polygon with fewer
+    vertices than another one has its last vertex again.
+    """
+    most = max(map(len, polygons))
+    vertices = max(len(polygon) for own in polygons for polygon in own)
+    return np.array([[np.pad(polygon, ((0, vertices - len(polygon)), (0, 0)), 'edge')
+                      for polygon in islice(cycle(own), most)] for own in polygons])
 
 
 class SeparationLimit(LineLimit):

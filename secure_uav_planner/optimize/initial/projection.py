@@ -64,7 +64,8 @@ def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineC
         flights = _Projection(coarse, max(share, _COARSE_SHARE), raise_if_over).solve(
             resample_flights(positions, slots), opposite)
         if flights is not None:
-            flights = move_inside(grid, _refine(coarse, flights, grid), share, raise_if_over)
+            flights = move_inside(
+                grid, _refine_flights(coarse, flights, grid), share, raise_if_over)
             if flights is not None:
                 return flights
         slots *= _REFINEMENT
@@ -80,17 +81,20 @@ def move_inside(grid: Grid, positions: Array, share: float,
     return positions if inside.all() else projection.solve(positions, inside=inside)
 
 
-def _refine(coarse: Grid, positions: Array, grid: Grid) -> Array:
+def _refine_flights(coarse: Grid, positions: Array, grid: Grid) -> Array:
     """
-    Return flights of a coarse grid on a finer one, (U, N+2, 2) in m.
+    Return flights of a coarse grid interpolated to the N slots of a finer grid, (U, N+2, 2) in m.
 
-    With a limit of acceleration, points away from the ends are moved onto the curve, which
-    averages accelerations: interpolation lets them overshoot where they change.
+    With a limit of acceleration the interpolated flights are smoothed, because they exceed this
+    limit where the acceleration changes. Smoothing fades out towards both ends.
+
+    :param positions: flights on the coarse grid, (U, M+2, 2) in m.
     """
     path = coarse.refine_path(coarse.to_path(positions), grid.slots)
-    number = np.arange(1.0, grid.slots + 1)
-    weight = np.minimum(np.minimum(number, number[::-1]) / _SMOOTH_ENDS, 1.0)
     if grid.scenario.limits_acceleration:
+        number = np.arange(1.0, grid.slots + 1)
+        weight = np.minimum(np.minimum(number, number[::-1]) / _SMOOTH_ENDS, 1.0)
+        # A weight of 1 moves each control point to the place of the curve at the same time.
         path[1:-1] += weight[:, None, None] / 8 * np.diff(path, n=2, axis=0)
     return grid.to_positions(path)
 

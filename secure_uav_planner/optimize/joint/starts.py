@@ -356,7 +356,13 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
 
 
 def refine(grid: Grid, x: Array, finer: Grid, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None."""
+    """
+    Return variables (N, U, 3) interpolated to a finer grid and moved strictly inside its limits.
+
+    Return None if no flights strictly inside the limits are found.
+
+    :param x: variables of the coarser `grid`, (M, U, 3).
+    """
     x = grid.refine(x, finer.slots)
     positions = finer.positions(x)
     inside = (limit_acceleration(finer, positions) if grid.airspace.is_open else

@@ -108,7 +108,7 @@ class PlanTracking:
             playback, (plan_ns - start_of(playback.plan)) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
-        """Return the Flight at a time, or None before any report on a plan."""
+        """Return the Flight at a time [s], or None before any report on a tracked plan."""
         reports, now_ns = self._reports, round(now * 1e9)
         if reports is None or reports.identity not in self._plans:
             return None
@@ -133,7 +133,11 @@ class PlanTracking:
         return flight._replace(time=(plan_ns - start_ns) * 1e-9).lateness(clock_ns * 1e-9)
 
     def check_promise(self, now: float) -> Plan | None:
-        """End the promise of a flight that is early or late; return its plan, or None if not."""
+        """
+        End the promise of the plan in flight if the flight is early or late by PUNCTUAL [s].
+
+        Return the plan with the ended promise, or None if no promise ends now.
+        """
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
             return None
@@ -142,7 +146,7 @@ class PlanTracking:
             return None
         time = flight.time
         if self._followed.identity == plan.identity:
-            # Its follower has ended the promise then.
+            # The promise ended when the follower reported that it was early or late.
             left_ns = self._followed.find_departure(
                 lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
             time = (left_ns - start_of(plan)) * 1e-9

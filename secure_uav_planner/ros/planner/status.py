@@ -68,7 +68,7 @@ class State:
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
-        """Make a replan the last plan; return False if it changes nothing in the flight."""
+        """Make a replan the last plan; return False if the last plan was the same already."""
         is_new = self.plan is None or plan.identity != self.plan.identity
         self._keep(plan, is_replan=True)
         if is_new:

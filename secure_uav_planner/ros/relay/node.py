@@ -203,10 +203,12 @@ class Relay(WorkingNode):
         return states
 
     def _publish_reports(self) -> None:
+        """Publish the state of each UAV's setpoints on its topic `<uav>/relay`."""
         for name, state in self._relay_states().items():
             self._node_outputs[f'{name}/relay'].publish(state.to_message(name))
 
     def _publish_diagnostics(self) -> None:
+        """Publish a status of the vehicles' local frames, and one of each UAV's setpoints."""
         problems = self._frames.problems
         relay = self.get_fully_qualified_name()
         self._node_outputs['/diagnostics'].publish(DiagnosticArray(
