@@ -14,6 +14,8 @@ PLACE = st.tuples(COORDINATE, COORDINATE)
 SEEDS = st.integers(0, 2**32 - 1)
 NAMES = ('base', 'north farm', 'Tower-1', 'Z\u00fcrich', 'tower a', 'tower_a', '7 Elms', 'x' * 90)
 """Names of all kinds, of which some cannot be parts of topics."""
+PLACED = {'position': None, 'error_radius': None}
+"""Fields of an eavesdropper whose places are those of a track."""
 
 
 @st.composite
@@ -187,3 +189,20 @@ def random_sectors(rng, radius):
     outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
     half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
     return inner, outer, rng.uniform(-np.pi, np.pi, count), half
+
+
+def with_tracks(scenario, rng):
+    """Return a mission whose receivers move, before, in and after its flight."""
+    size = np.ptp(scenario.landmarks, axis=0).max() + 10
+
+    def knots(place, *radius):
+        times = np.sort(rng.uniform(-0.3, 1.3, rng.integers(2, 6))) * scenario.duration
+        times += np.arange(len(times)) * max(1.0, 0.01 * size)
+        return tuple((time, *(place + rng.normal(0, 0.3 * size, 2)), *(
+            value * rng.uniform(0, 2) for value in radius)) for time in times.tolist())
+
+    return replace(
+        scenario, ground_node=None, ground_node_track=knots(np.array(scenario.ground_node)),
+        eavesdroppers=tuple(
+            replace(eve, **PLACED, track=knots(np.array(eve.position), eve.error_radius))
+            for eve in scenario.eavesdroppers))
