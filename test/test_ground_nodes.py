@@ -211,13 +211,15 @@ def test_the_rest_of_a_mission_makes_up_for_what_was_delivered_before(layout, po
     assert continue_plan(plan, point, unfair).rate < 0.99 * plan.rate
 
 
-def make_farm(eves, colluding=False, untrusted=()):
-    """Return a mission of five slots with three ground nodes."""
+def start_in_farm(eves, colluding=False, untrusted=()):
+    """Return the grid of a mission of five slots with three ground nodes, and a start's x."""
     scenario = make_mission(
         [GroundNode((0, 80), weight=2.0), (90, -30), (-40, 10)], 300.0, slots=5)
     scenario = replace(scenario, head_starts=(0.0, 700.0, 200.0), eavesdroppers=tuple(
         Eavesdropper((200 - 500 * index, 50), 10.0) for index in range(eves)), colluding=colluding)
-    return distrust(scenario, *untrusted) if untrusted else scenario
+    scenario = distrust(scenario, *untrusted) if untrusted else scenario
+    grid, flight = Problem(scenario).grid, fly_hover_fly(scenario)
+    return grid, grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
 
 
 FARMS = pytest.mark.parametrize('farm', [
@@ -227,10 +229,7 @@ FARMS = pytest.mark.parametrize('farm', [
 @pytest.mark.parametrize('mu', [1e-1, 1e-3])
 @FARMS
 def test_the_gradient_is_that_of_the_barrier_function(mu, farm):
-    scenario = make_farm(*farm)
-    grid = Problem(scenario).grid
-    flight = fly_hover_fly(scenario)
-    x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
+    grid, x = start_in_farm(*farm)
 
     def evaluate(x, shares):
         barrier = InteriorPointSolver(grid, x[None], mu)
@@ -259,17 +258,15 @@ def test_the_gradient_is_that_of_the_barrier_function(mu, farm):
 
 @FARMS
 def test_the_kernel_has_the_rates_of_the_plain_formulas_in_discs_and_at_places(farm):
-    scenario = make_farm(*farm)
-    grid, flight = Problem(scenario).grid, fly_hover_fly(scenario)
-    x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
+    grid, x = start_in_farm(*farm)
     positions, powers, places = grid.positions(x), grid.powers(x), WorstPlaces(grid, x)
     for barrier, find_rates in (
             (InteriorPointSolver(grid, x[None], 0.1), guaranteed_node_rates),
             (InteriorPointSolver(grid, x[None], 0.1, receivers=places.receivers,
                                  discs=places.discs), worst_case_node_rates)):
         shares = barrier.shares[0].T
-        rates = np.maximum(find_rates(scenario, positions, powers), 0.0)
-        least = find_least_rate(scenario, (shares * rates).mean(axis=1)) * np.log(2)
+        rates = np.maximum(find_rates(grid.scenario, positions, powers), 0.0)
+        least = find_least_rate(grid.scenario, (shares * rates).mean(axis=1)) * np.log(2)
         assert least > 0 and barrier.rates()[0] * grid.rate == pytest.approx(least, abs=2e-6)
     places.exchange(x, shares, 1e-9)
     assert places.rate == pytest.approx(least, abs=2e-6)
@@ -278,10 +275,8 @@ def test_the_kernel_has_the_rates_of_the_plain_formulas_in_discs_and_at_places(f
 @pytest.mark.parametrize('mu', [1e-1, 1e-3])
 @FARMS
 def test_the_hessian_is_that_of_each_node_with_the_others_that_listen_as_eavesdroppers(mu, farm):
-    scenario = make_farm(*farm)
-    grid, flight = Problem(scenario).grid, fly_hover_fly(scenario)
-    x = grid.variables(0.98 * flight.positions[:, 1:-1] + 1.0, 0.3 * flight.powers)
-    barrier = InteriorPointSolver(grid, x[None], mu)
+    grid, x = start_in_farm(*farm)
+    scenario, barrier = grid.scenario, InteriorPointSolver(grid, x[None], mu)
     width = 6 + len(scenario.ground_nodes) - 1
     hessians = np.empty((1, len(x), width, width))
     barrier._core.evaluate(np.empty(1), np.empty((1, len(x) * width)), hessians)
