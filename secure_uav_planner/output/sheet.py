@@ -39,7 +39,7 @@ class Part(NamedTuple):
         return size
 
     def measure_margins(self):
-        """Return the room of numbers and names at the axes: (left, below, right), (3,)."""
+        """Return the room of numbers and names at the axes: left, below, right, (3,) in inches."""
         (x0, y0), (x1, _) = self.axes.get_window_extent().get_points()
         boxes = [box for axis in (self.axes.xaxis, self.axes.yaxis)
                  if (box := axis.get_tightbbox()) is not None]

@@ -220,13 +220,22 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
 
 
 def _plan_state(plan: Plan, slots: NDArray[np.intp]) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function of times in slots, each in its slot, to planned positions and powers."""
+    """
+    Return a function of times, one in each of K slots, (K,) in s from point 0.
+
+    It returns the planned positions (U, K, 2) in m and powers (U, K) in W.
+    """
     return lambda times: (plan.curve.at(times).positions, plan.powers[:, slots])
 
 
 def _fly_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
                ) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function as _plan_state does, to flown positions and powers."""
+    """
+    Return a function of times, one in each of K slots, (K,) in s from point 0.
+
+    It returns the flown positions (U, K, 2) in m and powers (U, K) in W. If no log has powers, the
+    planned powers are returned.
+    """
     def find_state(times: Array) -> tuple[Array, Array]:
         powers = flight.powers_at(times)
         return flight.at(times), plan.powers[:, slots] if powers is None else powers

@@ -84,7 +84,7 @@ class ReachableSet:
     def of(cls, scenario: Scenario, index: int, groups: SlotGroups,
            subset: EavesdropperSubset, detours: Detours | None) -> ReachableSet:
         """
-        Return the reachable set of UAV `index`, with all that a Plan tolerates.
+        Return the reachable set of UAV `index`, widened by all tolerances of a Plan.
 
         :param scenario: the mission.
         :param index: index of the UAV.

@@ -98,7 +98,12 @@ class Columns:
 
 
 def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
-    """Return a grid over every reachable set, its boundary included, (G, along * across, 2)."""
+    """
+    Return a grid of places in every reachable set, its boundary included, (G, along * across, 2).
+
+    :param along: number of places along the way from start to goal, which are denser at both ends.
+    :param across: number of equidistant places across this way.
+    """
     low, high = region.bounding_box
     even = np.linspace(0, 1, along)
     step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even

@@ -305,7 +305,11 @@ class Clearance:
                         'it must not be')
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
-        """Return the smallest distance of one UAV to a zone at its altitude."""
+        """
+        Return the smallest distance of one UAV to a zone at its altitude, or None without one.
+
+        :param number: index of the UAV.
+        """
         zones = self._scenario.boundaries.zones_at(uav.altitude)
         if not zones:
             return None
@@ -314,6 +318,7 @@ class Clearance:
         middles = shapely.points(pieces.positions)
         _, middle = tree.query_nearest(middles, all_matches=False, return_distance=True)
         reach = np.linalg.norm(pieces.reach, axis=-1)
+        # Only pieces that may come as near as the nearest middle of a piece are examined.
         near = np.flatnonzero(middle - reach <= middle.min())
         at, edge = tree.query(middles[near], predicate='dwithin',
                               distance=(middle.min() + reach[near]) * (1 + 1e-9))

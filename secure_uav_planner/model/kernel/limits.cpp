@@ -42,8 +42,9 @@ std::vector<Point> copy_points(const py::buffer& source, const char* name, std::
     return points;
 }
 
-// `varies` (M, U) are flags, `points` (I, T) are indices n U + u, `weights` are (I, T), and
-// `constants` (I, 2).
+// Make I vectors that are linear in the points of flights from Python's arguments. `varies` (M, U):
+// which points vary. `points` (I, T): the points of each vector, as indices n U + u. `weights`
+// (I, T): their weights. `constants` (I, 2): what is added. See Vectors for `differences`.
 Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const py::buffer& weights,
                      const py::buffer& constants, bool differences) {
     const Array<const bool> flags(varies, "varies");

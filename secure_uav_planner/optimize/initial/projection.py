@@ -272,7 +272,7 @@ class _Projection:
 
 
 def _assemble(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
-    """Return -A and b, as Clarabel takes them."""
+    """Return -A, sparse, and b of all rows of a map A x + b below each other, for Clarabel."""
     parts, count = [], 0
     for entries, constants in rows:
         parts += [(row + count, column, value) for row, column, value in entries]

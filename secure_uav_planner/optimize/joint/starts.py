@@ -216,12 +216,13 @@ def _generate_flights(grid: Grid, problem: Problem,
 def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
                 rng: np.random.Generator) -> tuple[Array, Array]:
     """
-    Return starts with random jamming powers and barrier parameters.
+    Return the variables (S, N, U, 3) of starts with random jamming powers, and their mu (S,).
 
-    Every second begins close to the boundary. Half of these jam more; the rest transmit only in
-    the slots that win without jamming, if any do: some missions are won in a few slots only.
+    Starts 1, 3, 5, ... begin close to the boundary of the limits. Starts 1, 5, 9, ... jam more.
+    Starts 3, 7, 11, ... transmit only in slots that have a rate without jamming, because some
+    missions are won in few slots. Without such a slot they transmit in all slots.
 
-    :param flights: of each start, on the scenario's slots and on the grid.
+    :param flights: two flights of each start: on the scenario's slots, and on the grid.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
     shares = np.full((len(flights), uavs, 1), STARTS.on)
