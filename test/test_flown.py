@@ -22,6 +22,7 @@ DELAY, OFFSET = 0.3, 0.8
 START_NS = 1_795_743_002_000_000_000
 ORIGINS = {'uav1': (100.0, 500.0), 'uav2': (120.0, 500.0)}
 FORMATS = ('csv', 'ulg', 'BIN', 'tlog', 'mcap', 'tum')
+SHIFTS = dict.fromkeys(('ulg', 'BIN', 'tlog'), ORIGINS)  # Formats whose frames begin anywhere.
 
 
 @pytest.fixture(scope='module')
@@ -59,9 +60,7 @@ def write_logs(flight, kind, folder, **options):
 
 @pytest.mark.parametrize('kind', FORMATS)
 def test_a_known_delay_and_offset_come_back_from_a_log(kind, plan, flight, tmp_path):
-    shifts = ORIGINS if kind in ('ulg', 'BIN', 'tlog') else {}
-    source = write_logs(flight, kind, tmp_path)
-    read = read_flight(source, plan, shifts=shifts)
+    read = read_flight(write_logs(flight, kind, tmp_path), plan, shifts=SHIFTS.get(kind, {}))
     assert read.time_from == {'mcap': 'plan_time', 'tum': 'takeoff'}.get(kind, 'utc')
     if kind == 'tum':  # The delay of a departure is taken for the time of the plan.
         read = replace(read, times=read.times + DELAY)
@@ -90,8 +89,7 @@ def test_the_rates_are_those_of_assess_at_the_positions_that_were_read(kind, tmp
     known = replace(fly_hover_fly(Scenario.paper(110.0, slots=55, error_radius=0.0)),
                     start_ns=START_NS)
     flown = write_logs(fly(known, DELAY, OFFSET), kind, tmp_path)
-    shifts = ORIGINS if kind in ('ulg', 'BIN', 'tlog') else {}
-    comparison = compare(known, read_flight(flown, known, shifts=shifts))
+    comparison = compare(known, read_flight(flown, known, shifts=SHIFTS.get(kind, {})))
     rates = 0.0
     for place, weight in GAUSS_LEGENDRE:
         times = (np.arange(55) + 1.5 + place) * known.scenario.slot_duration
@@ -120,8 +118,7 @@ def test_a_jump_of_the_frame_cuts_the_flight_at_its_second_and_is_told(
         kind, plan, flight, tmp_path):
     source = write_logs(flight.add(jump_at=60.0, jump=(3.0, 0.0)), kind, tmp_path,
                         **({'reset_at': 60.0} if kind == 'ulg' else {}))
-    comparison = compare(plan, read_flight(
-        source, plan, shifts=ORIGINS if kind in ('ulg', 'BIN') else {}))
+    comparison = compare(plan, read_flight(source, plan, shifts=SHIFTS.get(kind, {})))
     for name, errors in comparison.uavs.items():
         assert errors.error_max_time_s > 59.0
         assert errors.jumps_s == pytest.approx([59.9], abs=0.11)
@@ -154,13 +151,17 @@ def test_a_frame_that_nobody_knows_is_asked_for_with_the_place_that_fits(plan, f
     assert str(tmp_path) in str(error.value) and '\n' not in str(error.value)
 
 
-def test_flights_that_fit_twice_are_refused(plan, tmp_path):
+def fly_twice(plan, later=None):
+    """Return the track of a flight that is flown again some s later, by default 0.1 s after it."""
     once = fly(plan, 0.0, 0.0)
-    length = once.times[-1] - once.times[0] + 0.1
-    twice = replace(once, times=np.append(once.times, once.times + length), **{
+    later = later or once.times[-1] - once.times[0] + 0.1
+    return replace(once, times=np.append(once.times, once.times + later), **{
         name: np.concatenate([getattr(once, name)] * 2, axis=1)
         for name in ('positions', 'velocities', 'powers')})
-    write_csv(twice, tmp_path / 'flight.csv')
+
+
+def test_flights_that_fit_twice_are_refused(plan, tmp_path):
+    write_csv(fly_twice(plan), tmp_path / 'flight.csv')
     with pytest.raises(LogFileError, match='two times fit alike'):
         read_flight(tmp_path / 'flight.csv', plan, at='fit')
 
@@ -207,7 +208,7 @@ def test_damaged_logs_are_refused_in_a_line(kind, name, plan, flight, tmp_path, 
     capfd.readouterr()
     words = [f'{uav}={file}' for uav, file in source.items()] if (
         isinstance(source, dict)) else [str(source)]
-    shifts = ['uav1=100,500', 'uav2=120,500'] if kind in ('ulg', 'BIN', 'tlog') else []
+    shifts = ['uav1=100,500', 'uav2=120,500'] if kind in SHIFTS else []
     plan.save(tmp_path / 'plan.json')
     status = main(['assess', str(tmp_path / 'plan.json'), '--json', '--flown', *words,
                    *(['--shift', *shifts] if shifts else [])])
@@ -315,11 +316,7 @@ def test_a_plan_that_was_in_force_for_some_slots_counts_for_these_alone(plan, fl
 
 def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, tmp_path):
     later = replace(plan, start_ns=START_NS + 200 * 10**9)
-    once = fly(plan, 0.0, 0.0)
-    twice = replace(once, times=np.append(once.times, once.times + 200.0), **{
-        name: np.concatenate([getattr(once, name)] * 2, axis=1)
-        for name in ('positions', 'velocities', 'powers')})
-    write_bag(twice, tmp_path / 'bag', [(-math.inf, plan), (150.0, later)])
+    write_bag(fly_twice(plan, 200.0), tmp_path / 'bag', [(-math.inf, plan), (150.0, later)])
     for given in (plan, later):
         comparison = compare(given, read_flight(tmp_path / 'bag', given))
         assert comparison.coverage == 1.0 and not comparison.broken.any()
