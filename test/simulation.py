@@ -11,6 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_client import places_of, stamp_at
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import Plan
+from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from std_msgs.msg import Float64MultiArray
@@ -89,6 +90,25 @@ class Simulation(SimulatedTime):
                 self._received[-1]).state == 'idle':
             super()._go_on()
             self._advance(self.now)
+
+
+def follow(place, velocity, target, target_velocity, acceleration, step, most_speed=math.inf):
+    """
+    Return place and velocity of a vehicle that follows a setpoint by the law of common autopilots.
+
+    :param acceleration: the vehicle's limit in m/s^2.
+    :param step: time in s.
+    :param most_speed: the vehicle's limit in m/s.
+    """
+    offset = target - place
+    distance = math.hypot(*offset)
+    closing = min(GAIN * distance, math.sqrt(2 * acceleration * distance)) / max(distance, 1e-9)
+    wanted = target_velocity + closing * offset
+    wanted *= min(1.0, most_speed / max(math.hypot(*wanted), 1e-9))
+    change = wanted - velocity
+    velocity = velocity + change * min(
+        1.0, acceleration * step / max(math.hypot(*change), 1e-9))
+    return place + step * velocity, velocity
 
 
 class Receiver:

@@ -19,10 +19,10 @@ from ros_client import (
     node_here, node_process, pose_message, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Origin, Scenario
 from secure_uav_planner.output.autopilots import STACKS, TRIED_VERSIONS
-from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.relay.node import Relay
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
+from simulation import follow
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 from strategies import with_uavs
@@ -363,19 +363,13 @@ class Autopilot:
         client.node.create_timer(self.step, self._fly)
 
     def _fly(self):
-        """Follow the last setpoint by the law of common autopilots, and report."""
-        wanted, most = np.zeros(2), 4.0  # m/s^2
+        """Follow the last setpoint, or brake without a fresh one, and report."""
+        target, velocity = self.place, (0.0, 0.0)
         if self._target is not None and time.monotonic() - self._target[0] < 1.0:
-            at, velocity = self._target[1].position, self._target[1].velocity
-            offset = np.array([at.x, at.y]) - self.place
-            distance = math.hypot(*offset)
-            closing = min(GAIN * distance, math.sqrt(2 * most * distance)) / max(distance, 1e-9)
-            wanted = (velocity.x, velocity.y) + closing * offset
-            wanted *= min(1.0, 12.0 / max(np.hypot(*wanted), 1e-9))
-        change = wanted - self.velocity
-        self.velocity = self.velocity + change * min(
-            1.0, most * self.step / max(np.hypot(*change), 1e-9))
-        self.place = self.place + self.step * self.velocity
+            target, velocity = (numbers(part, 'xy') for part in (
+                self._target[1].position, self._target[1].velocity))
+        self.place, self.velocity = follow(
+            self.place, self.velocity, target, velocity, 4.0, self.step, most_speed=12.0)
         message = pose_message(Odometry, *self.place, 100.0, stamp=self._now())
         message.twist.twist.linear.x, message.twist.twist.linear.y = self.velocity.tolist()
         self._publisher.publish(message)
@@ -407,28 +401,23 @@ class Held:
         return all(distances.get(name, math.nan) < 3.0 for name in ('uav1', 'uav2')) and (
             self.powers[0][-1].data > 0)
 
-    def wait_until_held(self):
-        """Wait until both were told off their plan, and send no power."""
+    def wait_until_held(self, count):
+        """Wait until both were told off their plan so many times, and send no power."""
         wait_for(lambda: 'uav1 is held ' in self.client.statuses[-1].text,
                  what='the word that uav1 is held')
-        wait_for_line(self.replay, 'no power is sent: ')
+        wait_for(lambda: has_said(self.replay, 'no power is sent: ', count), what='the reason')
         wait_for(lambda: not any(watts[-1].data for watts in self.powers), what='silence')
 
 
-def test_vehicles_that_were_handed_over_come_back_and_send_no_power_meanwhile(packages, client):
-    """The relay is disabled for 3 s."""
+def test_vehicles_come_back_without_power_from_a_handover_of_3_s_and_the_loss_of_their_relay(
+        packages, client):
     with ExitStack() as stack:
         held = Held(packages, client, stack)
         client.call('relay/enable', SetBool, SetBool.Request(data=False))
         time.sleep(3.0)
         client.call('relay/enable', SetBool, SetBool.Request(data=True))
-        held.wait_until_held()
+        held.wait_until_held(1)
         wait_for(held.is_flown, what='both on their plan')
-
-
-def test_vehicles_that_lost_their_relay_come_back_through_the_next_one(packages, client):
-    with ExitStack() as stack:
-        held = Held(packages, client, stack)
         held.relay.kill()
         text = 'the relay of uav1, /relay, has not reported for '
         for node in (held.replay, held.planner):  # About a second later.
@@ -436,7 +425,7 @@ def test_vehicles_that_lost_their_relay_come_back_through_the_next_one(packages,
         wait_for(lambda: text in client.statuses[-1].text, what='the name of the relay')
         stack.enter_context(node_process('relay', **held.options))
         client.send_paper()  # Its poses ended with the relay.
-        held.wait_until_held()
+        held.wait_until_held(2)
         wait_for(held.is_flown, what='both on their plan')
 
 

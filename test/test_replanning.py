@@ -14,7 +14,6 @@ from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
-from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
@@ -22,6 +21,7 @@ from secure_uav_planner.ros.planner.replan import Replanning
 from secure_uav_planner.ros.planner.solver import Job
 from secure_uav_planner.ros.relay.guard import Guard, Limits, Stream
 from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
+from simulation import follow
 from strategies import with_uavs
 
 START = 1000  # of the plan, in s
@@ -300,14 +300,8 @@ class Vehicle:
                 held = self._guard.hold(now_ns)
                 if held is not None:
                     self._target = np.array(held.position[:2]), np.zeros(2)
-        offset = self._target[0] - self.place
-        distance = math.hypot(*offset)
-        closing = min(GAIN * distance, math.sqrt(2 * self._acceleration * distance))
-        closing /= max(distance, 1e-9)
-        change = self._target[1] + closing * offset - self.velocity
-        self.velocity = self.velocity + change * min(
-            1.0, self._acceleration * self.step / max(math.hypot(*change), 1e-9))
-        self.place = self.place + self.step * self.velocity
+        self.place, self.velocity = follow(
+            self.place, self.velocity, *self._target, self._acceleration, self.step)
 
 
 def hand_over(begin, duration, tolerance, acceleration, has_reports):
