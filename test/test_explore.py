@@ -31,7 +31,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.wait import WebDriverWait
 import shapely
-from test_page import browser_in, PATIENCE, wait_for
+from test_page import browser_in, PATIENCE, screen_of, wait_for
 
 PAPER = replace(Scenario.paper(120.0, slots=20), no_fly_zones=(
     NoFlyZone(((250.0, 200.0), (350.0, 200.0), (300.0, 300.0)), name='tower'),))
@@ -456,9 +456,7 @@ def test_mission_and_plan_can_be_downloaded(page):
 
 
 def test_the_page_fits_a_phone_asks_its_own_server_only_and_logs_no_errors(browser, url):
-    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
-        'width': 360, 'height': 900, 'deviceScaleFactor': 1, 'mobile': True})
-    try:
+    with screen_of(browser, 360, 900):
         browser.get('about:blank')  # Which ends what the page before was asking for.
         browser.get_log('browser')
         page = Page(browser, url)
@@ -471,15 +469,11 @@ def test_the_page_fits_a_phone_asks_its_own_server_only_and_logs_no_errors(brows
             'return performance.getEntriesByType("resource").map(entry => entry.name)')
         assert [name for name in asked if not name.startswith((url, 'data:', 'blob:'))] == []
         assert [log for log in browser.get_log('browser') if log['level'] == 'SEVERE'] == []
-    finally:
-        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
 
 
 def test_at_1280_by_800_map_rates_and_first_sliders_are_seen_and_no_legend_is_on_the_map(
         browser, url):
-    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
-        'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False})
-    try:
+    with screen_of(browser, 1280, 800):
         page = Page(browser, url)
         page.wait_for_plan()
         boxes = {name: browser.execute_script("""
@@ -498,8 +492,6 @@ def test_at_1280_by_800_map_rates_and_first_sliders_are_seen_and_no_legend_is_on
         for (low, high, _), places in zip((x, y), zip(*map_extent(PAPER))):
             room = np.ptp(map_extent(PAPER), axis=0).max() / 3
             assert low <= places[0] - 0.99 * room and high >= places[1] + 0.99 * room
-    finally:
-        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
 
 
 def test_a_page_whose_server_has_ended_says_so(browser, tmp_path):

@@ -91,15 +91,22 @@ def browser(plan, tmp_path_factory):
 def screen(browser, request):
     """Give a page on a screen, the least of them a phone's, and after that the one as it was."""
     before = Path(url2pathname(urlsplit(browser.current_url).path))
-    page, (width, height) = request.param
+    page, size = request.param
+    with screen_of(browser, *size):
+        open_page(browser, before.with_name(f'{page}.html'))
+        yield browser
+    open_page(browser, before)
+
+
+@contextmanager
+def screen_of(browser, width, height):
+    """Give the browser a screen of a size in pixels for a while; a narrow one is a phone's."""
     browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
         'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 500})
-    open_page(browser, before.with_name(f'{page}.html'))
     try:
-        yield browser
+        yield
     finally:
         browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
-        open_page(browser, before)
 
 
 def open_page(browser, file):
