@@ -51,13 +51,16 @@ def test_the_papers_scenario_reaches_the_best_known_rate(duration, radius, at_le
 
 @settings(max_examples=25)
 @given(scenarios())
-def test_the_objective_never_falls_and_beats_the_baseline_within_all_limits(scenario):
+def test_objectives_never_fall_and_beat_the_baseline_and_the_formula_within_all_limits(scenario):
     plan = solve(scenario, method='joint')
     check_flight(plan)
     oracle.check_rates(plan)
     assert plan.status == 'converged'
     baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
     assert plan.guaranteed_rate >= baseline - 1e-6
+    worst_case = solve(scenario, objective='worst_case')
+    oracle.check_rates(worst_case)
+    assert worst_case.worst_case_rate >= plan.worst_case_rate - 1e-12
 
 
 @pytest.mark.parametrize('seed, slots, most, least', [

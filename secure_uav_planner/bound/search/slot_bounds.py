@@ -57,9 +57,11 @@ class SlotBounds:
 
     def divide(self, weight: Array) -> Cells:
         """
-        Return cells of the last UAV: quarters, where they make a slot's bound closer.
+        Return cells of the last UAV's reachable sets, one or four for each group of slots.
 
-        :param weight: w0 at which bounds are compared, (G,).
+        A set is quartered if this lowers the bound of a slot by more than LEAST_GAIN.
+
+        :param weight: w0 at which bounds with one and with four cells are compared, (G,).
         """
         whole = Cells.whole(self._team.regions[-1])
         quarters = whole.quarter(whole.group)

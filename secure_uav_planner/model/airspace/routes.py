@@ -29,6 +29,7 @@ class VisibilityGraph:
         solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
                                    for obstacle in airspace.obstacles[uav]])
         enlarged = solid.buffer(distance, join_style='mitre')
+        # Outlines with too many corners are simplified, and enlarged by as much.
         coarseness = distance / 4
         while shapely.get_num_coordinates(enlarged) > _MOST_CORNERS:
             enlarged = solid.simplify(coarseness).buffer(

@@ -132,7 +132,8 @@ public:
         return iterate.evaluation.slacks[means_].values[u] / iterate.duals[means_][u];
     }
     // Fill U of R rows with the gradients of the energies by x, and U ratios. Each energy adds the
-    // outer product of its row, divided by its ratio, to the Hessian. Needs add_gradient before.
+    // outer product of its row, divided by its ratio, to the Hessian; the row of an energy with a
+    // price (`over`) is 0. Needs add_gradient before.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)

@@ -98,7 +98,8 @@ private:
         incumbent_disc_ = disc;
     }
 
-    // Bound v in all sectors of a level, and descend from the best of their candidates.
+    // Bound the inverse SINR v from below in all sectors of a level. If a place that was evaluated
+    // for a bound is better than the incumbent, descend from the best such place.
     void bound_level() {
         Candidate best = incumbent_;
         std::size_t best_disc = incumbent_disc_, selected = discs_.count;

@@ -102,8 +102,8 @@ Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
 }
 
 // Make the limit that keeps A UAVs out of obstacles. `polygons` (A, Z, V, 2): the Z obstacles of
-// each UAV, with V vertices each. The third axis of `control_points` and `ignored`, of length G,
-// has G / A pairs for each UAV. Each pair has a line to an obstacle, so G / A is at most Z.
+// each UAV, with V vertices each. `ignored` (M, G, K): control points that do not vary. Each UAV
+// has G / A of the G pairs, each with a line to another obstacle, so G / A is at most Z.
 std::shared_ptr<ZoneLimit> make_zone_limit(const Vectors& control_points,
                                            const py::buffer& ignored, const py::buffer& polygons) {
     const Pieces pieces = make_pieces(control_points, ignored);
