@@ -65,6 +65,7 @@ class MultiplierSearch:
 
     def __init__(self, team: Team, positions: Array, powers: Array,
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
+        """Begin with the multipliers that a plan suggests, and with columns around the plan."""
         self.team, self.raise_if_over, self._damping = team, raise_if_over, 1e-6
         regions, groups = team.regions, team.groups
         # The point in the middle of each group represents the group.

@@ -57,6 +57,7 @@ class ZoneLimit(LineLimit):
     """
 
     def __init__(self, grid: Grid) -> None:
+        """Give each UAV with obstacles lines to its nearest obstacles, at most MOST_LINES."""
         outlines = {uav: [obstacle.vertices for obstacle in obstacles]
                     for uav, obstacles in enumerate(grid.airspace.obstacles) if obstacles}
         polygons = _stack_polygons(list(outlines.values()))
