@@ -11,7 +11,8 @@ import pytest
 from rclpy.time import Time as RosTime
 from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.errors import LateError, SupersededError, TimeLimitError
+from secure_uav_planner.errors import (
+    InfeasibleMissionError, LateError, SupersededError, TimeLimitError)
 from secure_uav_planner.plan.flight import Flight
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.tracking import PUNCTUAL
@@ -83,6 +84,39 @@ def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_p
     assert uav.start == pytest.approx(curve.at(50.0).positions[0])
 
 
+@pytest.mark.parametrize('distance, is_refused', [(3.0, False), (40.0, True)])
+def test_a_new_plan_is_refused_in_flight_while_a_uav_is_held_off_the_plan(
+        two_plans, distance, is_refused):
+    """Before, the new plan began on the plan in flight, where the UAV was not."""
+    plan, settings = two_plans[0], settings_with(start_delay=30.0)
+    book = PoseBook()
+    tracking = tracking_of(plan, book=book)
+    place = Playback(plan).at(20.0).positions[0] + (distance, 0.0)
+    for clock in np.arange(1017.0, 1020.1, 0.1):
+        report(tracking, plan, (clock, clock - 1000.0))
+        for topic, sent in (
+                ('ground_node/pose', pose_message(PoseStamped, 0, 0)),
+                ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0)),
+                ('uav1/odom', odometry(*place, stamp=clock))):
+            book.take(topic, sent, SETTINGS, clock)
+        tracking.observe(settings, clock)
+
+    def request():
+        flight = tracking.flight(clock)
+        start = StartTime.from_settings(settings, round(clock * 1e9), flight)
+        return make_request(
+            settings, book, start, tracking.states(flight, settings, clock), flight)
+
+    if not is_refused:
+        assert request().flight.state == 'flying'
+        return
+    with pytest.raises(InfeasibleMissionError, match='uav1 is held 40.. m from the plan in '):
+        request()
+    clock += 0.1
+    report(tracking, plan, (clock, Playback(plan).begin))  # Reset.
+    assert request().scenario.uavs[0].start == pytest.approx(place)
+
+
 def test_a_plan_with_a_delay_starts_that_long_after_its_request_however_long_it_takes():
     for acceleration in (0.0, 2.0):
         start = StartTime.from_settings(settings_with(**{
@@ -112,9 +146,9 @@ def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
         assert (state.outcome.code == 'ok') is is_replan
 
 
-def tracking_of(*plans, now=1000.0):
-    """Return a PlanTracking of plans that are published at a time in s."""
-    tracking = PlanTracking(PoseBook())
+def tracking_of(*plans, now=1000.0, book=None):
+    """Return a PlanTracking, by a PoseBook, of plans that are published at a time in s."""
+    tracking = PlanTracking(book or PoseBook())
     for plan in plans:
         tracking.add_plan(plan, now)
     return tracking
@@ -211,6 +245,22 @@ def test_a_flight_whose_rate_changes_is_not_steady(two_plans):
     report(tracking, plan, (1016.5, 12.575))
     with pytest.raises(LateError):
         tracking.check_steady(1016.5)
+
+
+@pytest.mark.parametrize('period', [0.02, 0.2, 1.0])
+def test_a_flight_is_not_steady_right_after_its_clock_jumped_ahead(two_plans, period):
+    """Before, the receivers were predicted for a playback speed below 1."""
+    plan, _ = two_plans
+    tracking = tracking_of(plan)
+    for count in range(10):
+        clock = 1010.0 + (3.0 + 4 * period if count > 5 else 0.0) + count * period
+        report(tracking, plan, (clock, 10.0 + count * period))
+        if count in (6, 7):
+            with pytest.raises(LateError):
+                tracking.check_steady(clock)
+        elif count != 1:
+            tracking.check_steady(clock)
+            assert count == 0 or tracking.flight(clock).time_scale == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('age, word', [(1.5, 'past'), (-3.0, 'future')])

@@ -118,6 +118,33 @@ def test_what_came_before_the_clock_was_set_back_is_forgotten(timeout):
     assert book.usable_pose('uav1', settings, 102.3).age(102.3) == pytest.approx(2.1)
 
 
+def test_what_was_measured_before_the_clock_jumped_ahead_is_not_used():
+    """Before, receivers were predicted too far by their way in the time of the jump."""
+    settings, book, jumps = SETTINGS, PoseBook(), []
+    book.on_jump = lambda *times: jumps.append(times)
+    book.follow_clock(600.0, 0.3)
+    for x, stamp in ((0.0, 599.5), (1.0, 600.0)):
+        take(book, 'eavesdropper/odom', odometry(x, stamp, variance=1.0), 600.0)
+        take(book, 'ground_node/pose', pose(x, stamp), 600.0)
+    book.follow_clock(600.3, 0.4)
+    book.check(settings, 600.3)
+    book.follow_clock(603.4, 0.4)
+    assert jumps == [(600.3, 603.4)]
+    late = odometry(1.0, 600.1, variance=1.0)  # It was under way.
+    for message in (None, late):
+        if message is not None:
+            take(book, 'eavesdropper/odom', message, 603.4)
+        with pytest.raises(PoseError, match='the pose on eavesdropper/odom is from before the '
+                                            'clock jumped ahead'):
+            book.check(settings, 603.4)
+    take(book, 'eavesdropper/odom', odometry(1.0, 603.3, variance=1.0), 603.4)
+    take(book, 'ground_node/pose', pose(1.0, 603.3), 603.4)
+    book.check(settings, 603.4)
+    assert book.get('ground_node/pose').velocity is None
+    book.follow_clock(603.5, 0.4)
+    assert len(jumps) == 1
+
+
 def block(xx, yy, xy=0.0, yx=None, rest=0.0):
     """Return the 36 values of a covariance with a block of x and y; the others are the rest."""
     matrix = np.full((6, 6), float(rest))

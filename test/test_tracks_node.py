@@ -168,6 +168,31 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
     assert centres[0] == pytest.approx(car_at(plan.start_ns * 1e-9 + 1.0), abs=0.5 * CAR_SPEED)
 
 
+@pytest.mark.parametrize('change', [10.0, -10.0])
+def test_a_jump_of_the_clock_ends_the_promise_of_a_plan_that_waits(client, tmp_path, change):
+    """Before, it was flown as promised, for receivers that were elsewhere by then."""
+    file = tmp_path / 'plan.json'
+
+    def send(now):
+        cars.publish(car_odometry(now))
+        client.send_pose('ground_node/pose', 0, 0, stamp=stamp_at(now), until_known=False)
+
+    with node_here('planner', use_sim_time=True, plan_file=file, duration=120.0, slots=120,
+                   start_delay=30.0, method='joint', time_limit=1.0):
+        cars = client.publisher(Odometry, 'eavesdropper/odom')
+        with Simulation(client, send, 1.0) as simulation:
+            wait_for(lambda: client.call('planner/plan').success, what='a plan')
+            assert client.status.plan.promised_slots == 120
+            simulation.jump(simulation.now + change)
+            wait_for(lambda: client.statuses[-1].plan.promised_slots == 0, what='the end')
+            assert client.statuses[-1].level == DiagnosticStatus.WARN
+            assert 'no slot is promised: the promise ended before slot 1; plan again' in (
+                client.statuses[-1].text)
+            wait_for(lambda: not Plan.load(file).promised_slots.any(), what='the file')
+            wait_for(lambda: client.call('planner/plan').success, what='a plan after the jump')
+            assert client.status.plan.promised_slots == 120
+
+
 def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction(
         client, monkeypatch):
     """Before, such a plan without a promised slot was OK, with a guaranteed rate of 0."""

@@ -104,8 +104,10 @@ class Promise:
         if not self.is_partial:
             return ''
         until = plan.promised_until
+        if not (self.slots or until):
+            return 'no slot is promised: the promise ended before slot 1; plan again'
         if not self.slots:
-            return (f'no slot is promised: receivers are predicted until {until or 0.0:.1f} s and '
+            return (f'no slot is promised: receivers are predicted until {until:.1f} s and '
                     f'slot 1 begins at {plan.scenario.slot_duration:.1f} s; raise '
                     'prediction_horizon')
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (

@@ -125,8 +125,8 @@ class FollowerReports:
                   for begin in (-1.0, -0.5)]
         if (scales[since[:-1] >= -1.0] == 0).any():
             return False
-        if not all(map(len, halves)):
-            return True
+        if not all(map(len, halves)):  # Reports are sparse, or the clock has jumped ahead.
+            halves = [scales[-2:-1], scales[-1:]] if len(scales) > 1 else [scales, scales]
         before, after = map(np.median, halves)
         return bool(after > 0 and abs(after - before) < _STEADY)
 

@@ -16,11 +16,14 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 
+from .topics import is_simulated
 from ..errors import brief, describe_error, PlanningError
 
 _LAST_ANSWERS = 0.3  # Time [s] after the end in which answers to clients are sent.
 _LONGEST_END = 5  # Time [s] after a signal to end in; DDS may wait for processes that have died.
 _AFTER_FAILURE = 0.01  # Pause [s] after a callback that failed.
+# Largest speed of a clock against real time, and its error [s], without a jump.
+_REAL_CLOCK, _SIMULATED_CLOCK = (1.0, 0.25), (10.0, 2.0)
 
 
 class WorkingNode(Node):
@@ -29,11 +32,22 @@ class WorkingNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.is_closed = False
+        self._clock_read = time.monotonic()  # Last call of find_longest_step.
 
     def post(self, function: Callable[[], None]) -> None:
         """Have a function run between callbacks; from any thread."""
         if not self.is_closed and self.executor is not None:
             self.executor.create_task(function)
+
+    def find_longest_step(self) -> float:
+        """
+        Return the longest time [s] since the last call by a clock that has not jumped ahead.
+
+        Called right before the clock is read.
+        """
+        before, self._clock_read = self._clock_read, time.monotonic()
+        speed, error = _SIMULATED_CLOCK if is_simulated(self) else _REAL_CLOCK
+        return speed * (self._clock_read - before) + error
 
     def close(self) -> bool:
         """Stop all work; return True if none is left."""

@@ -35,7 +35,8 @@ from ..references import LocalFrames
 from ..settings import Settings
 from ..topics import publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
-from ...errors import brief, BusyError, describe_error, PlanningError, PoseError
+from ...errors import (
+    brief, BusyError, describe_error, LateError, PlanningError, PoseError)
 from ...optimize.initial import is_similar
 from ...plan.flight import Flight
 from ...plan.plan import Plan
@@ -63,6 +64,7 @@ class Planner(WorkingNode):
             self, lambda: self._settings, {name: name for name in self._uavs},
             lambda *_: self._publish_status())
         self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
+        self._poses.on_jump = self._on_jump
         self._refusals = WarningLog(self.get_logger())  # Logs why poses are refused.
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
@@ -112,8 +114,14 @@ class Planner(WorkingNode):
         self._call.reply(False, 'the planner is stopping')
         return self._solver.close(timeout=1.0)
 
-    def _now_ns(self) -> int:
+    def _read_clock_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+    def _now_ns(self) -> int:
+        """Return the time of the clock [ns], and note a jump; called in the state thread."""
+        longest, now_ns = self.find_longest_step(), self._read_clock_ns()
+        self._poses.follow_clock(now_ns * 1e-9, longest)
+        return now_ns
 
     def _now(self) -> float:
         return self._now_ns() * 1e-9
@@ -135,12 +143,31 @@ class Planner(WorkingNode):
             self._publish_status()
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
-        self._poses.follow_clock(self._now())
         self._tracking.add_report(message, self._now())
 
     def _on_relay(self, topic: str, message: DiagnosticStatus) -> None:
         if self._tracking.relays.take(topic, message):
             self._publish_status()
+
+    def _on_jump(self, before: float, now: float) -> None:
+        """
+        End the promise of a plan that waits, because the clock jumped.
+
+        Its receivers are predicted for times of the clock before the jump. A flight that is under
+        way becomes early or late, and so its promise ends by itself.
+        """
+        self._call.has_jumped = True
+        plan = self._state.plan
+        ended = plan
+        if plan is not None and plan.promised_until is not None and (
+                self._tracking.waits(plan, before)):
+            ended = plan.end_promise(0.0)
+        if now < before:
+            self._tracking.forget_reports()
+        if ended is not None and ended is not plan:
+            self._state.plan = ended
+            self._publish_plan(ended, messages.serialize_plan(ended, self._settings.frame_id))
+            self._save(ended)
 
     # Planning on request
 
@@ -184,7 +211,7 @@ class Planner(WorkingNode):
 
     def _solve(self, request: Request, initial: Plan | None = None, until: float | None = None
                ) -> None:
-        self._start(lambda job: request.solve(job, initial, until, self._now_ns),
+        self._start(lambda job: request.solve(job, initial, until, self._read_clock_ns),
                     partial(self._finish_request, request), 'cancelled')
 
     def _finish_request(self, request: Request, result: Result) -> None:
@@ -194,8 +221,11 @@ class Planner(WorkingNode):
             if request.is_outlasted_by(plan):
                 self._solve(request.predict_again(plan, self._poses, self._now_ns()))
                 return
-            request.start.check_in_time(self._now_ns())
-            now = self._now()
+            now_ns = self._now_ns()
+            now = now_ns * 1e-9
+            if self._call.has_jumped and plan.promised_until is not None:
+                raise LateError('the clock jumped while the plan was made; ask again')
+            request.start.check_in_time(now_ns)
             self._tracking.check_steady(now)
             request.check_flight(self._flight(now), now)
             self._state.keep_requested(plan)
@@ -248,7 +278,6 @@ class Planner(WorkingNode):
     def _on_check(self) -> None:
         """Update what is known of the flight, and begin a replan that is due."""
         settings, now = self._settings, self._now()
-        self._poses.follow_clock(now)
         self._tracking.observe(settings, now)
         self._plan_if_discovered()
         if (ended := self._tracking.check_promise(now)) is not None:

@@ -49,10 +49,9 @@ class PlanTracking:
         self._track = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
-        poses.on_set_back = self.forget_reports
 
     def forget_reports(self) -> None:
-        """Forget the reports of followers: after a jump of the clock they are of another time."""
+        """Forget the reports of followers: when the clock is set back they are of another time."""
         self._reports: FollowerReports | None = None
         self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
         self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
@@ -155,6 +154,12 @@ class PlanTracking:
             return None
         self._plans[plan.identity] = Playback(ended)
         return ended
+
+    def waits(self, plan: Plan, now: float) -> bool:
+        """Return True if a plan has not begun to be flown."""
+        flight = self.flight(now)
+        return flight is None or flight.state == 'waiting' or (
+            flight.playback.plan.start_ns != plan.start_ns)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
         """Return True if the promise of a flight ends within `ahead` s of the plan's time."""

@@ -85,24 +85,25 @@ class PoseBook:
     """
     The last valid pose of each topic, and why newer ones were refused.
 
-    It is cleared when the clock jumps back, because no age is known then. `now` is the node's
-    time in s.
+    It is cleared when the clock jumps back, because no age is known then. When the clock jumps
+    ahead, poses that were measured before the jump are not used. `now` is the node's time in s.
 
     :param transform: returns a message in another frame, or raises a PoseError.
     :param to_mission: converts a position in the local frame of a UAV, given by its name, to the
         mission's frame, or raises a PoseError.
-    :ivar on_set_back: called when the clock has been set back.
+    :ivar on_jump: called when the clock has jumped, with the time before and after it.
     """
 
     def __init__(self, transform: Callable[[Message, str], Message] = refuse_frame,
                  to_mission: Callable[[str, Vector], Vector] = lambda name, place: place) -> None:
         self._transform, self._to_mission = transform, to_mission
-        self.on_set_back: Callable[[], None] = lambda: None
+        self.on_jump: Callable[[float, float], None] = lambda before, now: None
         self._poses: dict[str, KnownPose] = {}
         self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._discs: dict[str, _Disc] = {}
         self._latest, self._was_set_back = -math.inf, False  # Latest time of the clock [s].
+        self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
 
     def take(self, topic: str, message: Message, settings: PlannerSettings, now: float) -> str:
         """
@@ -127,14 +128,23 @@ class PoseBook:
         self._keep(topic, pose)
         return self._note_motion(topic, name, settings, now)
 
-    def follow_clock(self, now: float) -> None:
-        """Note the time; forget all poses if the clock has been set back."""
-        if now < self._latest - _LEAST_JUMP:
+    def follow_clock(self, now: float, longest: float = math.inf) -> None:
+        """
+        Note the time, and invalidate all poses if the clock has jumped.
+
+        :param longest: longest step [s] since the last call that is not a jump ahead.
+        """
+        before, self._latest = self._latest, max(now, self._latest)
+        if now < before - _LEAST_JUMP:
             for content in (self._poses, self._refusals, self._recent, self._discs):
                 content.clear()
-            self._latest, self._was_set_back = now, True
-            self.on_set_back()
-        self._latest = max(now, self._latest)
+            self._latest, self._was_set_back, self._valid_from = now, True, -math.inf
+        elif before > 0.0 and now > before + longest:  # Simulated time is 0 until it is known.
+            self._valid_from = now - longest
+            self._recent.clear()  # Positions from before and after give no velocity.
+        else:
+            return
+        self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
         """Keep a pose as the latest of its topic, unless a newer pose came just before."""
@@ -248,6 +258,8 @@ class PoseBook:
         if pose.frame_id != frame_id:
             return WrongFrameError(f'{topic} is in frame {quote(pose.frame_id)} and the parameter '
                                    f'frame_id is {quote(frame_id)}')
+        if pose.time < self._valid_from:
+            return PoseStaleError(f'the pose on {topic} is from before the clock jumped ahead')
         if timeout and pose.age(now) > timeout:
             newer = '' if refusal is None else f'; newer ones were refused: {refusal}'
             return PoseStaleError(f'the pose on {topic} is {pose.age(now):.1f} s old and '

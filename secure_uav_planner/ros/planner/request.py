@@ -15,12 +15,13 @@ from .settings import PlannerSettings
 from .solver import Job
 from ..messages import serialize_plan
 from ...errors import (
-    brief, LateError, PlanningError, ScenarioError, TimeLimitError)
-from ...mission.scenario import Eavesdropper, Point, Scenario, Uav
+    brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, TimeLimitError)
+from ...mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
 from ...optimize.incumbent import mute_nonpositive_slots
 from ...plan.flight import Flight
 from ...plan.plan import Plan
-from ...plan.tracking import MeasuredState, PlanClock, predict_state, start_from_state
+from ...plan.tracking import (
+    deviation, MeasuredState, PlanClock, predict_state, start_from_state)
 
 DELIVERY_S = 0.2
 """Time from the publication of a plan until the follower has it."""
@@ -45,6 +46,7 @@ class Call:
 
     state: Literal['waits', 'solved', 'answered'] = 'waits'
     answer: Future = field(default_factory=Future)
+    has_jumped: bool = False  # Whether the clock has jumped since the call.
 
     def reply(self, success: bool, text: str) -> None:
         """Answer the call, unless it has been answered."""
@@ -247,12 +249,14 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
 
     | flight            | state of the UAV    | it starts                       |
     | ----------------- | ------------------- | ------------------------------- |
-    | under way         | any                 | on the plan in flight           |
+    | under way         | any but a held one  | on the plan in flight           |
     | ended             | None                | on the plan in flight           |
     | none, or waiting  | None                | where its parameters say        |
     | ended, or waiting | measured            | where it is predicted to be     |
     | none              | measured, delay     | where it is predicted to be     |
     | none              | measured, no delay  | where it is                     |
+
+    :raises InfeasibleMissionError: for a UAV that is held off the plan in flight.
     """
     is_flown = flight is not None and flight.state != 'waiting'
     if state is None and not is_flown:
@@ -264,6 +268,8 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
     position: Point
     velocity: Point | None
     if flight is not None and (state is None or flight.is_under_way):
+        if state is not None and state.is_held:
+            _check_distance(uav.name, deviation(flight.playback, index, state), settings)
         position, velocity = _planned_state(uav, index, flight, time)
     else:
         assert state is not None
@@ -271,6 +277,16 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
             state, time, uav.max_acceleration, None if flight is None else flight.playback, index,
             settings.track_tolerance)
     return start_from_state(uav, position, velocity, settings.slot_duration)
+
+
+def _check_distance(name: str, offset: Array, settings: PlannerSettings) -> None:
+    """Raise an InfeasibleMissionError if a held UAV, at an offset [m], is off its plan."""
+    distance = math.hypot(*offset)
+    if distance > settings.track_tolerance:
+        raise InfeasibleMissionError(
+            f'{name} is held {distance:.1f} m from the plan in flight, on which a new plan would '
+            f'begin: ask again when {name} is back on it, or after ~/pause and ~/reset of the '
+            f'replay, with which the new plan begins where {name} is')
 
 
 def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
