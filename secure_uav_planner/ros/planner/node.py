@@ -160,7 +160,7 @@ class Planner(WorkingNode):
         plan = self._state.plan
         ended = plan
         if plan is not None and plan.promised_until is not None and (
-                self._tracking.waits(plan, before)):
+                self._tracking.is_waiting(plan, before)):
             ended = plan.end_promise(0.0)
         if now < before:
             self._tracking.forget_reports()

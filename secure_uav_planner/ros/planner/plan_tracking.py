@@ -155,7 +155,7 @@ class PlanTracking:
         self._plans[plan.identity] = Playback(ended)
         return ended
 
-    def waits(self, plan: Plan, now: float) -> bool:
+    def is_waiting(self, plan: Plan, now: float) -> bool:
         """Return True if a plan has not begun to be flown."""
         flight = self.flight(now)
         return flight is None or flight.state == 'waiting' or (
