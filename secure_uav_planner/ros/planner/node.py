@@ -33,7 +33,7 @@ from ..parameters import PLANNER, PLANNER_MEMBERS
 from ..process import run_node, WorkingNode
 from ..references import LocalFrames
 from ..settings import Settings
-from ..topics import publishers, serve, subscribe, TOPICS
+from ..topics import is_simulated, publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
 from ...errors import (
     brief, BusyError, describe_error, LateError, PlanningError, PoseError)
@@ -42,6 +42,7 @@ from ...plan.flight import Flight
 from ...plan.plan import Plan
 
 _CHECK_PERIOD = 0.1  # Time [s] between checks of the UAVs' positions and of replans.
+_CLOCK_LAG = 2.0  # Largest lag [s] of simulated time, whose messages may come late.
 _DISCOVERY = 3.0  # Longest time [s] that nodes of one host took to discover each other.
 
 
@@ -132,7 +133,8 @@ class Planner(WorkingNode):
         """Take a pose of a receiver or UAV, or warn why it is not used."""
         is_first = self._poses.get(topic) is None
         try:
-            remark = self._poses.take(topic, message, self._settings, self._now())
+            remark = self._poses.take(topic, message, self._settings, self._now(),
+                                      _CLOCK_LAG if is_simulated(self) else 0.0)
         except PoseError as error:
             self._refusals.warn(topic, f'{topic}: {brief(error)}; it is not used')
             return

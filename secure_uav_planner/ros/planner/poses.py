@@ -50,7 +50,7 @@ class KnownPose:
     height: float  # z in m
     covariance: Array | None  # Covariance of x and y, (2, 2) in m^2.
     stamp: float  # Time of the measurement [s], or of the reception if the pose has no stamp.
-    received: float  # Time of the reception [s].
+    received: float  # Time of the reception [s]; see PoseBook.take.
     velocity: Point | None = None  # Velocity [m/s] by odometry, or by poses of the last second.
     velocity_covariance: Array | None = None  # By a receiver's odometry, (2, 2) in m^2/s^2.
 
@@ -105,10 +105,13 @@ class PoseBook:
         self._latest, self._was_set_back = -math.inf, False  # Latest time of the clock [s].
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
 
-    def take(self, topic: str, message: Message, settings: PlannerSettings, now: float) -> str:
+    def take(self, topic: str, message: Message, settings: PlannerSettings, now: float,
+             most_lag: float = 0.0) -> str:
         """
         Read a pose from a topic, and keep it unless a newer pose arrived in the last 10 s.
 
+        :param most_lag: largest lag [s] of the node's clock. A stamp that is ahead by less tells
+            the true time of the reception.
         :return: a remark for the user, or an empty string.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
@@ -118,6 +121,8 @@ class PoseBook:
             if message.header.frame_id != settings.frame_id:
                 message = self._transform(message, settings.frame_id)
             pose = read_pose(message, settings, now, name not in settings.uavs)
+            if now < pose.stamp < now + most_lag:
+                pose = replace(pose, received=pose.stamp)
             if name in settings.uavs:
                 x, y, height = self._to_mission(name, (*pose.position, pose.height))
                 pose = replace(pose, position=(x, y), height=height)
@@ -153,7 +158,7 @@ class PoseBook:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.
             self._discs.pop(topic, None)
         elif last is not None and pose.time < last.time and (
-                0.0 <= pose.received - last.received < _KEPT_BEFORE_OLDER):
+                pose.received - last.received < _KEPT_BEFORE_OLDER):
             return
         if pose.velocity is None and pose.covariance is None:
             pose = replace(
