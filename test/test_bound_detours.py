@@ -10,8 +10,9 @@ from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, up
 from secure_uav_planner.bound.method import list_ignored_limits
 from secure_uav_planner.bound.proof import certificate, detours
 from secure_uav_planner.bound.proof.detours import DetourSearch
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet
+from secure_uav_planner.bound.proof.reachable_set import Cells, ReachableSet
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
+from secure_uav_planner.bound.proof.terms import Potential
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.model.airspace import Airspace, VisibilityGraph
 import shapely
@@ -116,6 +117,28 @@ def test_a_courtyard_is_left_by_its_gap_or_not_at_all():
         if beyond:
             # Around the corner of the wall with the gap.
             assert outer > np.hypot(50, 40) + np.hypot(40, 140) - 40
+
+
+@pytest.mark.parametrize('seed', [63, 6])
+def test_no_rectangle_loses_a_place_that_can_be_reached(seed):
+    """A place may be at a corner of its rectangle, and on the lines between cells of detours."""
+    groups, (region, *_) = regions_of(straight(seed), 10)
+    rng, count, size = np.random.default_rng(seed), 2000, region.detours.size
+    group = rng.integers(0, 10, count)
+    places = rng.uniform(*(corner[group] for corner in region.bounding_box))
+    cell = (places - region.detours.low) / size
+    places = region.detours.low + size * np.where(rng.random((count, 2)) < 0.3, cell.round(), cell)
+    reached = region.contains(places, group)
+    places, group = places[reached], group[reached]
+    half = size * rng.choice([0.0, 0.3, 4.0], (len(places), 2))
+    share = rng.choice([0.0, 0.5, 1.0], half.shape)
+    cells = Cells(group, places - 2 * share * half, places + 2 * (1 - share) * half)
+    potential = Potential(np.cumsum(rng.normal(0, 1, (11, 2)), 0), np.zeros((11, 3)),
+                          np.zeros((11, 2)), groups, region)
+    bounds = certificate.bound_silence(
+        potential, cells, np.arange(len(group)), np.full(len(group), -np.inf), bool)
+    values = (places * potential.change[0][group]).sum(-1) + potential.constant()[group]
+    assert len(group) > 100 and (bounds >= values).all()
 
 
 def excess(seed):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import bound_attack
 from bound_attack import certify_plan, lagrangian, largest_excess, slot_groups
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
@@ -106,7 +106,7 @@ def mission(seed, slots=6, jammers=1, eavesdroppers=1, **options):
         start, goal = rng.uniform(-400, 400, (2, 2))
         speed = float(np.hypot(*(goal - start)) / duration * rng.choice([1.0, 1.2, 2.5]) + 0.1)
         uavs.append(Uav(f'uav{i + 1}', tuple(start), tuple(goal), float(rng.uniform(40, 150)),
-                        speed, 1.0, float(rng.uniform(1, 5))))
+                        speed, 1.5, float(rng.uniform(1.5, 5))))
     return Scenario(tuple(rng.uniform(-100, 100, 2)), tuple(
         Eavesdropper(tuple(rng.uniform(-300, 300, 2)), float(rng.choice([0.0, 15.0, 80.0])))
         for _ in range(eavesdroppers)), tuple(uavs), duration, slots, float(rng.uniform(65, 90)),
@@ -280,30 +280,69 @@ def values(terms, k, places, powers):
             + softplus(z[:, None] - leaks) @ terms.v[k] - terms.price * powers)
 
 
+def isolated_terms(region, rng, curved, jams):
+    """Return random terms, of which some have few parts, so that no part hides another."""
+    terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
+    potential, size = terms.potential, rng.choice([0.0, 0.1, 1.0, 4.0])
+    kind = rng.integers(0, 3, len(terms.cell))
+    return replace(
+        terms, weight=terms.weight * (kind != 1), v=terms.v * (kind != 2)[:, None],
+        price=0.3 * rng.integers(0, 2),
+        potential=replace(potential, slope=size * potential.slope,
+                          curvature=size * potential.curvature))
+
+
+def flatten(terms, k, centre):
+    """Return terms of which function k has no slope at the centre of a box, as far as possible."""
+    def value(step):
+        place = centre + step
+        return values(terms, k, place[None, :2], np.exp(place[2:]))[0]
+    slope = [(value(step) - value(-step)) / 2e-5 for step in 1e-5 * np.eye(len(centre))]
+    potential, later = terms.potential, np.arange(7)[:, None] > terms.cell[k]
+    price = terms.price + sum(slope[2:]) / np.exp(centre[2:].sum())
+    return replace(terms, price=max(0.0, float(price)), potential=replace(
+        potential, slope=potential.slope - later * slope[:2]))
+
+
 @given(st.integers(0, 10**6), st.booleans(), st.booleans(), st.integers(1, 3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=60, deadline=None)
+# Seeds at which a range of a second derivative that is too short is noticed.
+@example(17, False, True, 3)
+@example(32, False, True, 3)
+@example(31, True, False, 2)
+@example(39, False, True, 1)
+@example(214, False, True, 2)
 def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
     rng = np.random.default_rng(seed)
     region = region_of(seed, int(jams), eavesdroppers=eavesdroppers)
-    terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
-    constant = terms.potential.constant()
-    for k in range(len(terms.cell)):
-        low, high = (corner[terms.cell[k]] for corner in region.bounding_box)
-        centre = rng.uniform(low, high)
-        half = (high - low) * np.exp(rng.uniform(-6, 0)) * rng.random(2) + 1e-9
+    region = replace(region, log_advantages=rng.normal(0, 4, eavesdroppers))
+    terms = isolated_terms(region, rng, curved, jams)
+    for k, group in enumerate(terms.cell):
+        low, high = (corner[group] for corner in region.bounding_box)
+        rim = region.find_farthest(rng.normal(size=(1, 1, 2)))[group, 0]
+        centre = rim if rng.random() < 0.3 else rng.uniform(low, high)
+        half = (high - low) * np.exp(rng.uniform(-4, 0)) * rng.random(2) + 1e-9
         if jams:
             centre = np.append(centre, rng.uniform(*terms.powers))
-            half = np.append(half, np.exp(rng.uniform(-5, 1)))
-        value, bound = (part + constant[terms.cell[k]]
-                        for part in terms.compiled.bound_box(k, centre, half))
-        points = rng.uniform(centre - half, centre + half, (300, len(centre)))
-        corners = centre + half * rng.choice([-1, 1], (30, len(centre)))
-        points = np.concatenate([points, corners])
-        points = points[region.contains(points[:, :2], np.full(len(points), terms.cell[k]))]
+            # Place and power change a gain alike.
+            half = np.append(half, np.hypot(*half) / region.altitude * np.exp(rng.uniform(-6, 1)))
+        points = rng.uniform(centre - half, centre + half, (100, len(centre)))
+        corners = centre + half * rng.choice([-1, 0, 1], (60, len(centre)))
+        points, groups = np.concatenate([points, corners]), np.full(160, group)
+        points[:, :2] = region.clip(points[:, :2], groups)
+        points = points[region.contains(points[:, :2], groups)
+                        & (np.abs(points - centre) <= half).all(1)]
         power = np.exp(points[:, 2]) if jams else None
-        assert (values(terms, k, points[:, :2], power) <= bound + 1e-9).all()
-        exact = values(terms, k, centre[None, :2], np.exp(centre[2:]))[0]
-        assert value == pytest.approx(exact, rel=1e-9, abs=1e-9)
+        for function in (terms, flatten(terms, k, centre)):
+            constant = function.potential.constant()[group]
+            value, bound = function.compiled.bound_box(k, centre, half)
+            exact = values(function, k, centre[None, :2], np.exp(centre[2:]))[0] - constant
+            assert value == pytest.approx(exact, rel=1e-9, abs=1e-9)
+            _, point = function.compiled.bound_box(k, centre, 0 * half)
+            assert point - value >= 0.9 * function.margin[group] or not region.contains(
+                centre[:2], group)
+            excess = values(function, k, points[:, :2], power) - constant - bound
+            assert (excess <= 1e-9 * (1 + abs(constant))).all()
 
 
 @pytest.mark.parametrize('curved', [False, True])
@@ -373,6 +412,12 @@ def change_multipliers(monkeypatch, change):
     ids=['too large v', 'negative v', 'negative prices', 'equal breakpoints', 'low incumbents'])
 def test_any_multipliers_give_a_bound(change, monkeypatch):
     change_multipliers(monkeypatch, change)
+    right = certificate.bound_pieces
+
+    def checked(team, silent, joint, weights, v, price):
+        assert (v >= 0).all() and (v.sum(-1) <= weights).all()
+        return right(team, silent, joint, weights, v, price)
+    monkeypatch.setattr(certificate, 'bound_pieces', checked)
     plan = solve(mission(3, jammers=0), objective='guaranteed')
     assert largest_excess(plan) <= 0
     proof = certify_plan(plan)[1]
@@ -400,6 +445,15 @@ def test_the_rate_of_a_certificate_is_not_rounded_down(seed):
     exact = Fraction(proof.offset) + sum(
         int(count) * Fraction(group) for count, group in zip(team.groups.count, proof.groups))
     assert Fraction(proof.rate) * team.groups.slots * Fraction(math.log(2.0)) >= exact
+
+
+def test_every_group_is_above_its_maximum_by_four_margins_of_each_uav(monkeypatch):
+    plan = solve(mission(1), objective='guaranteed')
+    groups = []
+    for size in (0.0, 1.0):
+        monkeypatch.setattr(certificate, 'margin', lambda _, terms: np.full(len(terms), size))
+        groups.append(certify_plan(plan)[1].groups)
+    np.testing.assert_allclose(groups[1] - groups[0], 8.0)
 
 
 @given(st.integers(0, 10**6), st.floats(-30, 30))

@@ -90,9 +90,10 @@ def test_a_stream_that_jumps_is_never_followed_is_held_and_may_come_back():
     ({'velocity': (13.9, 0.0, 0.0)}, LIMITS, None),
     ({'acceleration': (0.0, 2.1, 0.0)}, LIMITS, 'max_acceleration allows 2.01'),
     ({'acceleration': (0.0, 1.9, 0.0)}, LIMITS, None),
-    ({'acceleration': (0.0, 32.1, 0.0)}, replace(LIMITS, max_acceleration=0.0),
-     'max_jump allows 32'),
-    ({'acceleration': (0.0, 31.9, 0.0)}, replace(LIMITS, max_acceleration=0.0), None)])
+    ({'acceleration': (0.0, 16.1, 0.0)}, replace(LIMITS, max_acceleration=0.0, max_jump=0.5),
+     'max_jump allows 16'),
+    ({'acceleration': (0.0, 15.9, 0.0)}, replace(LIMITS, max_acceleration=0.0, max_jump=0.5),
+     None)])
 def test_a_motion_beyond_the_limits_or_that_leads_to_a_jump_is_refused_anywhere_in_a_stream(
         motion, limits, reason):
     guard, x, now = streamed()
@@ -189,7 +190,9 @@ def test_a_stream_has_a_state_from_its_first_setpoint_to_its_end():
     assert guard.state(now + SECOND // 2, CHECKED) is StreamState.HELD
     guard.change_frame(lambda place: place)
     assert guard.state(now, CHECKED) is StreamState.NEW
-    guard.note_position((x, 0.0, 100.0), now + STEP)
+    guard.note_position((x - 6.0, 0.0, 100.0), now + STEP)
+    assert not passes(guard, at(x, now + STEP), limits=CHECKED)
+    guard.note_position((x - 4.0, 0.0, 100.0), now + STEP)
     assert passes(guard, at(x, now + STEP), limits=CHECKED)
     assert guard.state(now + STEP, CHECKED) is StreamState.FOLLOWING
     assert guard.state(now + 2 * SECOND, CHECKED) is StreamState.ENDED

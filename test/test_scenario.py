@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Channel, Eavesdropper, errors, NoFlyZone, PlanningError, Scenario, Uav)
-from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner.errors import OptionError, ScenarioError
+from secure_uav_planner.mission.validation import (
+    checked_array, checked_time_limit, make_unique, read_only, round_down, round_up, to_number)
 
 
 @given(st.integers(1, 500), st.floats(1, 50))
@@ -111,3 +113,40 @@ def test_each_error_has_a_code_of_its_own_and_is_a_value_or_runtime_error():
     assert len(set(codes)) == len(codes) > 10
     assert all(issubclass(kind, (ValueError, RuntimeError)) for kind in classes
                if kind is not PlanningError)
+
+
+@given(st.floats(-1e300, 1e300, allow_subnormal=False), st.integers(1, 9))
+def test_a_rounded_limit_is_on_its_side_of_the_limit_and_near(value, digits):
+    down, up = round_down(value, digits), round_up(value, digits)
+    assert down <= value <= up and up - down <= 1.001 * 10.0**(1 - digits) * abs(value)
+    assert float(f'{down:.{digits - 1}e}') == down and float(f'{up:.{digits - 1}e}') == up
+    assert round_up(math.inf) == round_down(math.inf) == math.inf
+
+
+@given(st.lists(st.sampled_from(['', 'a', 'b', 'a1', 'a2', 'a12', '1']), max_size=7))
+def test_names_made_unique_differ_and_keep_those_that_are_unique(names):
+    unique = make_unique(names)
+    assert len(set(unique)) == len(unique) == len(names)
+    assert all(new.startswith(name) for new, name in zip(unique, names))
+    assert all(new == name for new, name in zip(unique, names) if names.count(name) == 1)
+
+
+def test_numbers_times_and_arrays_are_taken_by_what_they_are():
+    for value in (2, 2.0, np.int8(2), np.float32(2), np.array(2.0)):
+        assert to_number(value) == checked_time_limit(value) == 2.0
+    for value in ('2', b'2', True, np.True_, None, 2j, np.complex64(2), [2.0], np.array([2.0]),
+                  np.timedelta64(2, 's'), 10**400):
+        assert math.isnan(to_number(value))
+    assert checked_time_limit(None) is checked_time_limit(math.inf) is None
+    for value in (0, -1.0, math.nan, -math.inf, True, '2'):
+        with pytest.raises(OptionError, match='time_limit'):
+            checked_time_limit(value)
+    assert checked_array('x', [[1, 2]], (2,), (None, 2)).shape == (1, 2)
+    assert checked_array('x', [1, 2]).tolist() == [1.0, 2.0]
+    for value, shape in (([1, 2], (3,)), ([[1, 2]], (2,)), ([1, 2], (None, 2)), ('x', ()),
+                         (np.ma.masked_array([1.0, 2.0], [True, False]), (2,)), (None, ()),
+                         ([[1], [1, 2]], (2, None)), ([10**400], (1,))):
+        with pytest.raises(OptionError, match='x is '):
+            checked_array('x', value, shape)
+    with pytest.raises(ValueError, match='read-only'):
+        read_only([1.0])[0] = 2.0

@@ -1,12 +1,14 @@
 """Receivers that move, in the planner: what it predicts of them, and until when it promises."""
 
 from dataclasses import replace
+from itertools import product
 import math
 import re
 from time import sleep
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from hypothesis import given, strategies as st
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -14,10 +16,14 @@ from ros_client import (
     node_here, node_process, odometry_message, PATIENCE, pose_message, SETTINGS, settings_with,
     stamp_at, wait_for)
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
+from secure_uav_planner.mission.tracks import interpolate
 from secure_uav_planner.model import channel
+from secure_uav_planner.plan.flight import Flight
+from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.tracking import PlanClock
 from secure_uav_planner.ros.planner.poses import error_radius, PoseBook
 from secure_uav_planner.ros.planner.receivers import predict_receivers
+from secure_uav_planner.ros.planner.replan import Remainder
 from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.solver import Job
 from simulation import Simulation
@@ -74,6 +80,47 @@ def test_odometry_is_predicted_to_the_horizon_with_a_disc_that_grows(
     assert r1 - r0 == pytest.approx(growth * (t1 - t0))
     assert predicted.notes.get('eavesdropper', '').startswith(note) and bool(note) == bool(
         predicted.notes)
+
+
+@given(st.floats(0.0, 3.0), st.floats(-20.0, 60.0), st.floats(0.3, 3.0),
+       st.sampled_from([(0.0, 0.0), (5.0, CAR_SPEED), (15.0, 15.0)]),
+       st.sampled_from([({}, math.inf), ({'prediction_horizon': 20.0}, 20.0),
+                        ({'replan_period': 20.0, 'replan_lead': 4.0}, 32.0)]),
+       st.integers(0, 2**32 - 1))
+def test_while_a_promise_lasts_a_receiver_is_in_its_disc_and_a_flight_on_time(
+        age, time, time_scale, speeds, horizon, seed):
+    """
+    Check a flight that is flown on at its playback speed, and a receiver as far off as allowed.
+
+    :param age: age of the estimate [s].
+    :param speeds: max_speed of the receiver, and the speed at which it may go anywhere [m/s].
+    :param horizon: parameters, and the time [s] for which they let a receiver be predicted.
+    """
+    rng, (max_speed, speed), (parameters, most) = np.random.default_rng(seed), speeds, horizon
+    book, settings = book_with(car_odometry(NOW - age), **{
+        'duration': 120.0, 'slots': 60, 'eavesdropper.max_speed': max_speed, **parameters})
+    clock = PlanClock(time, NOW, time_scale)
+    predicted = predict_receivers(settings, book, NOW, clock, 121.0)
+    until = NOW + (predicted.promised_until - time) / time_scale
+    assert until - NOW == pytest.approx(min(most, (121.0 - time) / time_scale))
+    ages = np.append(rng.uniform(0.0, until - NOW + age, 50), [0.0, until - NOW + age])
+    velocity = (0.0, 0.0 if max_speed else CAR_SPEED)
+    growth = speed + 0.2 * RADIUS_PER_DEVIATION * (max_speed < CAR_SPEED)
+    direction = rng.normal(size=(52, 2))
+    places = car_at(NOW - age) + np.outer(ages, velocity) + direction * (
+        (2 * RADIUS_PER_DEVIATION + growth * ages) / np.hypot(*direction.T))[:, None]
+    times = time + (NOW - age + ages - NOW) * time_scale
+    x, y, radius = interpolate(predicted.fields['eavesdroppers'][0].track, times).T
+    assert (np.hypot(*(places - np.stack([x, y], 1)).T) <= radius + 1e-6).all()
+    plan = replace(fly_hover_fly(Scenario.paper(120.0, slots=60)), start_ns=round(NOW * 1e9))
+    flight = Flight(Playback(plan), time, time_scale)
+    plan = Remainder(None, flight, NOW, 0, (), None, predicted, settings).date(plan)
+    assert plan.promised_until == predicted.promised_until
+    playback = Playback(plan)
+    for at, early in product(times, (0.0, 1.0)):
+        flight = Flight(playback, at + early, time_scale)
+        assert flight.lateness(NOW + (at - time) / time_scale) == pytest.approx(
+            0.0 if flight.state == 'waiting' else -early, abs=1e-6)
 
 
 def test_that_a_receiver_is_faster_than_its_max_speed_is_told_once(client):
