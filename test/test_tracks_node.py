@@ -83,7 +83,7 @@ def test_odometry_is_predicted_to_the_horizon_with_a_disc_that_grows(
 
 
 @given(st.floats(0.0, 3.0), st.floats(-20.0, 60.0), st.floats(0.3, 3.0),
-       st.sampled_from([(0.0, 0.0), (5.0, CAR_SPEED), (15.0, 15.0)]),
+       st.sampled_from([(0.0, 0.0), (5.0, 13.0), (15.0, 15.0)]),
        st.sampled_from([({}, math.inf), ({'prediction_horizon': 20.0}, 20.0),
                         ({'replan_period': 20.0, 'replan_lead': 4.0}, 32.0)]),
        st.integers(0, 2**32 - 1))
@@ -97,17 +97,18 @@ def test_while_a_promise_lasts_a_receiver_is_in_its_disc_and_a_flight_on_time(
     :param horizon: parameters, and the time [s] for which they let a receiver be predicted.
     """
     rng, (max_speed, speed), (parameters, most) = np.random.default_rng(seed), speeds, horizon
-    book, settings = book_with(car_odometry(NOW - age), **{
-        'duration': 120.0, 'slots': 60, 'eavesdropper.max_speed': max_speed, **parameters})
+    start, velocity = (200.0, -300.0), (-5.0, 12.0)
+    book, settings = book_with(odometry_message(
+        *start, velocity, stamp=stamp_at(NOW - age), variance=4.0, velocity_variance=0.04), **{
+            'duration': 120.0, 'slots': 60, 'eavesdropper.max_speed': max_speed, **parameters})
     clock = PlanClock(time, NOW, time_scale)
     predicted = predict_receivers(settings, book, NOW, clock, 121.0)
     until = NOW + (predicted.promised_until - time) / time_scale
     assert until - NOW == pytest.approx(min(most, (121.0 - time) / time_scale))
     ages = np.append(rng.uniform(0.0, until - NOW + age, 50), [0.0, until - NOW + age])
-    velocity = (0.0, 0.0 if max_speed else CAR_SPEED)
-    growth = speed + 0.2 * RADIUS_PER_DEVIATION * (max_speed < CAR_SPEED)
+    growth = speed + 0.2 * RADIUS_PER_DEVIATION * (max_speed < 13.0)
     direction = rng.normal(size=(52, 2))
-    places = car_at(NOW - age) + np.outer(ages, velocity) + direction * (
+    places = start + np.outer(ages, velocity) * (not max_speed) + direction * (
         (2 * RADIUS_PER_DEVIATION + growth * ages) / np.hypot(*direction.T))[:, None]
     times = time + (NOW - age + ages - NOW) * time_scale
     x, y, radius = interpolate(predicted.fields['eavesdroppers'][0].track, times).T
@@ -157,6 +158,19 @@ def test_a_plan_without_a_delay_is_dated_with_the_receivers_at_its_start():
     for time in (0.0, 5.0, 50.0):
         _, (centres,), _ = plan.scenario.receivers_at([time])
         assert centres[0] == pytest.approx(car_at(begin + time), abs=1e-3)
+
+
+def test_a_track_of_the_mission_file_keeps_the_time_of_a_plan_that_is_dated_later():
+    track, book = ((0.0, 200.0, -300.0, 5.0), (120.0, 200.0, 300.0, 5.0)), PoseBook()
+    settings = settings_with(start_delay=0.0, tracks={'eavesdropper': track})
+    book.take('ground_node/odom', odometry_message(0.0, 0.0, (1.0, 0.0), stamp=stamp_at(NOW)),
+              settings, NOW)
+    start = StartTime.from_settings(settings, round(NOW * 1e9), None)
+    request = make_request(settings, book, start, [None, None], None)
+    plan = request.date(fly_hover_fly(request.scenario), round((NOW + 7.0) * 1e9))
+    assert plan.scenario.eavesdroppers[0].track == track
+    before, after = request.scenario.ground_nodes[0].track, plan.scenario.ground_nodes[0].track
+    assert before[0][0] - after[0][0] == pytest.approx(7.0)
 
 
 def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tmp_path):
