@@ -153,7 +153,8 @@ def test_changes_of_visits_keep_every_node_and_raise_the_estimates(monkeypatch):
         visits = visit_search._change(scenario, visits, visits, rng)
     np.testing.assert_array_equal(np.sort(visits.nodes, axis=1), [[0, 1, 2]] * 6)
     np.testing.assert_allclose(visits.ends[:, -1], 1.0)
-    monkeypatch.setattr(visit_search, 'VISIT_SEARCH', replace(VISIT_SEARCH, changes=0))
+    monkeypatch.setattr(
+        visit_search, 'VISIT_SEARCH', replace(VISIT_SEARCH, changes=0, most_changes=0))
     drawn = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]
     monkeypatch.undo()
     changed = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]

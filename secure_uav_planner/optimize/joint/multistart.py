@@ -3,6 +3,7 @@ Multistart: Newton steps from random starts on a coarse grid; the best starts ar
 
 Many starts are ranked after a few steps, and only the best take further ones. The best are
 polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
+With several ground nodes the best also hop: in a part of the flight one UAV and the jamming change.
 A few starts are finished on the full grid, and the best plan is polished there.
 Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
 Otherwise fly-hover-fly with the best powers is tried, too.
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .interior_point import Optima, SolverDriver
-from .settings import DESCENT, MULTISTART, Search
+from .settings import DESCENT, Hops, MULTISTART, Search
 from .starts import generate_hops, generate_starts, limit_powers, make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import NumericalError
@@ -45,10 +46,10 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     counts_sights = incumbent.scenario.channel.counts_sights
     offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
     early = SolverDriver(incumbent, elevation_offset=offsets[0])
-    grid, first, batches = _generate_coarse_starts(driver)
     is_single = len(incumbent.scenario.ground_nodes) == 1
     search = MULTISTART.single_node if is_single else MULTISTART.several_nodes
-    x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),))
+    grid, first, batches = _generate_coarse_starts(driver, search)
+    x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
     agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
               and (counts_sights
                    or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
@@ -56,12 +57,13 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     if not agreed:
         with suppress(*_FAILURES):
             for more_x, mu in batches:
-                more_x, more_rates = _advance(early, grid, more_x, mu, search.ranking)
+                more_x, more_rates = _advance(
+                    early, grid, more_x, mu, search.ranking, search.lowered)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = select_best(rates, search.gap, MULTISTART.polished)
         x, rates = _polish(early, grid, x[near], rates[near], search)
         if not is_single:
-            x, rates = _hop(early, grid, x, rates, search)
+            x, rates = _hop(early, grid, x, rates, search, MULTISTART.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
@@ -76,9 +78,11 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             fine.grid, fine.x, np.maximum(fine.mu, DESCENT.coarse_mu))
     status = driver.finish(fine)
     if not agreed:
+        if not is_single and driver.grid.slots <= MULTISTART.hop_slots:
+            _hop(driver, fine.grid, fine.x, fine.rates(), search, MULTISTART.full_hops)
         _try_baseline(baseline, incumbent)
         with suppress(*_FAILURES):
-            for share in MULTISTART.polish_mus:
+            for share in search.polish_mus:
                 if incumbent.rate > 0:
                     improve_incumbent(
                         driver, share * np.log(2) * incumbent.rate / grid.rate)
@@ -115,9 +119,11 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     return driver.finish(driver.refine_to_full_grid(grid, solver.x, solver.mu))
 
 
-def _generate_coarse_starts(driver: SolverDriver) -> tuple[Grid, _Starts, Iterator[_Starts]]:
+def _generate_coarse_starts(driver: SolverDriver, search: Search
+                            ) -> tuple[Grid, _Starts, Iterator[_Starts]]:
     """Return the coarsest grid with room for most starts, their first batch, and the rest."""
-    slots = DESCENT.coarse_slots
+    is_whole = driver.grid.slots <= search.whole_slots
+    slots = driver.grid.slots if is_whole else DESCENT.coarse_slots
     while True:
         grid = driver.grid.with_slots(min(driver.grid.slots, slots))
         batches = generate_starts(grid, driver.incumbent.problem, driver.incumbent.positions,
@@ -131,19 +137,20 @@ def _generate_coarse_starts(driver: SolverDriver) -> tuple[Grid, _Starts, Iterat
 
 
 def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
-             ranking: tuple[tuple[float, int], ...]) -> tuple[Array, Array]:
+             ranking: tuple[tuple[float, int], ...], lowered: float) -> tuple[Array, Array]:
     """
     Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,).
 
     :param ranking: shares of the starts that take steps, and how many; see Search.
+    :param lowered: ratio of the last barrier parameter and the least first one.
     """
-    least = MULTISTART.lowered * mu.min() if len(grid.scenario.ground_nodes) > 1 else mu.min()
+    least = min(lowered * mu.min(), DESCENT.coarse_mu)
     solver = driver.build_solver(grid, x, mu)
     for share, steps in ranking:
         if share < 1:
             best = np.argsort(-solver.rates(), kind='stable')[:math.ceil(share * len(x))]
             solver = driver.build_solver(grid, solver.x[best], solver.mu[best])
-        driver.advance(solver, steps, min(least, DESCENT.coarse_mu))
+        driver.advance(solver, steps, least)
     driver.try_best(solver)
     return solver.x, solver.rates()
 
@@ -152,27 +159,33 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             search: Search) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
     with suppress(*_FAILURES):
-        for share in MULTISTART.polish_mus:
+        for share in search.polish_mus:
             mu = np.maximum(share * rates, DESCENT.final_mu)
-            new_x, new_rates = _advance(driver, grid, x, mu, ((1.0, search.polish_steps),))
+            new_x, new_rates = _advance(
+                driver, grid, x, mu, ((1.0, search.polish_steps),), search.lowered)
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
     return x, rates
 
 
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
-         search: Search) -> tuple[Array, Array]:
+         search: Search, hops: Hops) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) and their rates, (S,), after hops where those raise a rate."""
-    rng = np.random.default_rng(6)
+    rng, kept = np.random.default_rng(6), hops.kept
     with suppress(*_FAILURES):
-        for kept in MULTISTART.hops:
+        for _ in range(hops.rounds):
+            best = rates.max()
             number = np.resize(select_best(rates, search.gap, kept), MULTISTART.hops_at_once)
             hopped, tried, mu = generate_hops(
                 grid, x[number], rates[number], rng, driver.raise_if_over)
-            new_x, new_rates = _advance(driver, grid, tried, mu, ((1.0, search.polish_steps),))
+            new_x, new_rates = _advance(
+                driver, grid, tried, mu, ((1.0, MULTISTART.hop_steps),), search.lowered)
             for start, new, rate in zip(number[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate
+            kept -= rates.max() < (1 + MULTISTART.distinct) * best
+            if not kept:
+                break
     return x, rates
 
 

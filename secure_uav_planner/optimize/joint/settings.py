@@ -15,17 +15,37 @@ class Search(NamedTuple):
     """
     How starts are searched on the coarse grid.
 
+    :param whole_slots: the most slots of a full grid that is searched itself; larger grids have a
+        coarse grid of DESCENT.coarse_slots.
     :param ranking: pairs of a share of the starts, the best, and a number of Newton steps that
         they take; each pair follows on the one before.
     :param gap: relative distance below the best rate within which starts are polished.
-    :param polish_steps: Newton steps of each polish, and of each hop.
+    :param polish_mus: barrier parameters that polishes begin with, in shares of the rate.
+    :param polish_steps: Newton steps of each polish.
+    :param lowered: ratio of the last barrier parameter of these steps and the least first one.
     :param finished: the most starts that are finished on the full grid.
     """
 
+    whole_slots: int
     ranking: tuple[tuple[float, int], ...]
     gap: float
+    polish_mus: tuple[float, ...]
     polish_steps: int
+    lowered: float
     finished: int
+
+
+class Hops(NamedTuple):
+    """
+    Rounds of hops, each of which begins at the best starts.
+
+    :param kept: the most starts at which the first round begins. After a round in which the best
+        rate does not rise there is one less; the rounds end when none is left.
+    :param rounds: the most rounds.
+    """
+
+    kept: int
+    rounds: int
 
 
 class Beginning(NamedTuple):
@@ -88,21 +108,23 @@ class _Multistart(_Numbers):
     agreed: float = 0.7  # Share of the first starts in the best optimum that ends the multistart.
     gap: float = 0.1  # Relative distance below the best rate within which starts are finished.
     polished: int = 12  # The most starts that are polished.
-    # Barrier parameters that polishes begin with, in shares of the rate.
-    polish_mus: tuple[float, ...] = (0.05, 0.01)
     # Share, or units of rates, below the best up to which fly-hover-fly is finished.
     close: float = 0.02
-    # Ratio of the last barrier parameter and the least first one, with several ground nodes.
-    lowered: float = 0.3
-    hops: tuple[int, ...] = (8, 4)  # Starts that are kept for each round of hops.
-    hops_at_once: int = 8  # Hops in a round.
+    hops_at_once: int = 4  # Hops in a round.
+    hop_steps: int = 80  # Newton steps of each hop.
+    hops: Hops = Hops(kept=4, rounds=10)  # Rounds of hops on the coarse grid.
+    full_hops: Hops = Hops(kept=1, rounds=3)  # Rounds of hops on the full grid.
+    hop_slots: int = 120  # The most slots of a full grid on which there are hops.
     # First barrier parameter on the full grid with several ground nodes, in shares of the rate.
     nodes_mu: float = 0.003
     # The search with one ground node, whose starts are not ranked.
-    single_node: Search = Search(((1.0, steps),), gap, polish_steps=15, finished=2)
+    single_node: Search = Search(
+        whole_slots=_Descent.coarse_slots, ranking=((1.0, steps),), gap=gap,
+        polish_mus=(0.05, 0.01), polish_steps=15, lowered=1.0, finished=2)
     # The search with several ground nodes.
     several_nodes: Search = Search(
-        ((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5, polish_steps=25, finished=3)
+        whole_slots=60, ranking=((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5,
+        polish_mus=(0.03,), polish_steps=25, lowered=0.02, finished=3)
     # Jamming levels of power control, in shares of limit_powers.
     levels: tuple[float, ...] = (1.0, 0.1, 0.01, 0.001)
     level_steps: int = 20  # Newton steps from each level on the coarse grid.
@@ -137,7 +159,7 @@ class _Starts(_Numbers):
     way_places: int = 128
     # Distances of these random places from the ground node, log-uniform [mean altitudes].
     way_distance: Range = (0.03, 4.0)
-    visiting: float = 1.5  # Ratio of the numbers of starts with several ground nodes and with one.
+    visiting: float = 0.75  # Ratio of the numbers of starts with several ground nodes and with one.
     # Barrier parameter of starts that visit ground nodes, in shares of their rates.
     visit_mu: float = 0.03
     # Least barrier parameter of starts that visit ground nodes, some of which have no rate.
@@ -191,6 +213,10 @@ class _VisitSearch(_Numbers):
 
     drawn: int = 2  # Number of random visits for each start that is asked for.
     changes: int = 60  # Changes that are tried for each random visit.
+    # Changes that are tried for each random visit while few starts serve all nodes.
+    most_changes: int = 240
+    served: float = 1e-3  # Estimate [bit/s/Hz] from which a start is taken to serve all nodes.
+    serving: float = 0.1  # Share of the starts that must serve all nodes after `changes`.
     slots: int = 24  # Slots of the grid on which changes are judged.
     shift: Range = (0.03, 1.0)  # Length by which a place is moved, log-uniform [mean altitudes].
     stretch: float = 0.3  # Standard deviation of the logarithms of durations in a change.

@@ -56,7 +56,10 @@ def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator
              raise_if_over: DeadlineCheck) -> Visits:
     """Return visits after random changes, of which those that raise the estimate are kept."""
     drawn, estimates = visits, _estimate(grid, visits, fly_visits(grid, visits), powers)[0]
-    for _ in range(VISIT_SEARCH.changes):
+    for number in range(VISIT_SEARCH.most_changes):
+        serving = (estimates >= VISIT_SEARCH.served).mean()
+        if number >= VISIT_SEARCH.changes and serving >= VISIT_SEARCH.serving:
+            break
         raise_if_over()
         changed = _change(grid.scenario, visits, drawn, rng)
         new = _estimate(grid, changed, fly_visits(grid, changed), powers)[0]
