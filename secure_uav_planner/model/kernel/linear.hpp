@@ -67,18 +67,34 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
     return -1;
 }
 
+// Subtract the rows a, b and c, times their multipliers, from a row of `count` numbers.
+inline void subtract_rows(double of_a, const double* a, double of_b, const double* b,
+                          double of_c, const double* c, int count, double* row) {
+    for (int i = 0; i < count; ++i)
+        row[i] = row[i] - of_a * a[i] - of_b * b[i] - of_c * c[i];
+}
+
 // Divide several right sides, (columns + below, SIDES), by the L of a factor: forward substitution.
-// BELOW and SIDES are constants if they are known when compiling, or 0.
+// BELOW and SIDES are constants if they are known when compiling, or 0. The three columns of a UAV
+// in a slot are subtracted at once, so that rows are read and written once. Multipliers of powers
+// of the next slot are 0, because powers are coupled only in their own slot.
 template <int BELOW, int SIDES>
 void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right,
                      int right_sides) {
     const int below = BELOW ? BELOW : bandwidth;
     const int sides = SIDES ? SIDES : right_sides;
-    for (std::ptrdiff_t j = 0; j < columns; ++j) {
-        const double* column = factor + j * (below + 1);
-        double* row = right + j * sides;
-        for (int k = 1; k <= below; ++k)
-            for (int s = 0; s < sides; ++s) row[k * sides + s] -= column[k] * row[s];
+    for (std::ptrdiff_t j = 0; j < columns; j += 3) {
+        const double *a = factor + j * (below + 1), *b = a + below, *c = b + below;
+        double *row_a = right + j * sides, *row_b = row_a + sides, *row_c = row_b + sides;
+        for (int s = 0; s < sides; ++s) {
+            row_b[s] -= a[1] * row_a[s];
+            row_c[s] = row_c[s] - a[2] * row_a[s] - b[2] * row_b[s];
+        }
+        for (int k = 3; k <= below + 2; ++k) {
+            const double of_a = k <= below ? a[k] : 0.0, of_b = k <= below + 1 ? b[k] : 0.0;
+            if (of_a == 0.0 && of_b == 0.0 && c[k] == 0.0) continue;
+            subtract_rows(of_a, row_a, of_b, row_b, c[k], row_c, sides, row_a + k * sides);
+        }
     }
 }
 
