@@ -29,15 +29,27 @@ inline bool is_finite(const double* numbers, std::size_t count) {
     return std::all_of(numbers, numbers + count, [](double x) { return std::isfinite(x); });
 }
 
+// Subtract the rows a, b and c, times their multipliers, from a row of `count` numbers.
+inline void subtract_rows(double of_a, const double* a, double of_b, const double* b,
+                          double of_c, const double* c, int count, double* row) {
+    for (int i = 0; i < count; ++i)
+        row[i] = row[i] - of_a * a[i] - of_b * b[i] - of_c * c[i];
+}
+
 // Factor a symmetric band matrix as L D L^T from column `from` on; columns before it are factored
 // already.
 //
 // Column j holds the entries j, j + 1, ... j + below of the lower triangle; `below` more columns
 // of zeros follow the last. Return the column at which the matrix is not positive definite, or -1.
 // In the factor, the first entry of a column is 1 / D.
+//
+// In wide bands the three columns of a UAV in a slot are subtracted at once, so that later columns
+// are read and written once. Multipliers of powers of the next slot are 0, because powers
+// are coupled only in their own slot.
 template <int BELOW>
 std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t columns,
                            int bandwidth, std::ptrdiff_t from) {
+    constexpr bool WIDE = BELOW == 0 || BELOW > 12;
     const int below = BELOW ? BELOW : bandwidth;
     const int height = below + 1;
     std::copy(band + from * height, band + (from + below) * height, factor + from * height);
@@ -50,34 +62,61 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
             for (int i = k; i <= below; ++i) later[i] -= multiplier * column[i];
         }
     }
-    for (std::ptrdiff_t j = from; j < columns; ++j) {
-        double* column = factor + j * height;
-        std::copy(band + (j + below) * height, band + (j + below + 1) * height,
-                  column + below * height);
-        if (!(column[0] > 0.0)) return j;
+    // Subtract column j from the next `count` columns.
+    const auto subtract = [=](std::ptrdiff_t j, int count) {
+        const double* column = factor + j * height;
         const double inverse = 1.0 / column[0];
-        for (int k = 1; k <= below; ++k) {
+        for (int k = 1; k <= count; ++k) {
             const double multiplier = column[k] * inverse;
-            double* later = column + k * height - k;
+            if (multiplier == 0.0) continue;
+            double* later = factor + (j + k) * height - k;
             for (int i = k; i <= below; ++i) later[i] -= multiplier * column[i];
         }
-        column[0] = inverse;
-        for (int k = 1; k <= below; ++k) column[k] *= inverse;
+    };
+    const auto scale = [=](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        for (std::ptrdiff_t j = begin; j < end; ++j) {
+            double* column = factor + j * height;
+            column[0] = 1.0 / column[0];
+            for (int k = 1; k <= below; ++k) column[k] *= column[0];
+        }
+    };
+    for (std::ptrdiff_t begin = from, end; begin < columns; begin = end) {
+        const bool whole = WIDE && begin % 3 == 0;  // Whether it is the first column of a UAV.
+        end = begin + (whole ? 3 : 1);
+        for (std::ptrdiff_t j = begin; j < end; ++j) {
+            std::copy(band + (j + below) * height, band + (j + height) * height,
+                      factor + (j + below) * height);
+            if (!(factor[j * height] > 0.0)) {
+                scale(begin, j);
+                return j;
+            }
+            subtract(j, whole ? int(end - j) - 1 : below);
+        }
+        if (whole) {
+            // Entry k of a, b and c is in row begin + k.
+            const double *a = factor + begin * height, *b = a + below, *c = b + below;
+            const double inverse_a = 1.0 / a[0], inverse_b = 1.0 / b[1], inverse_c = 1.0 / c[2];
+            for (int k = 3; k <= below + 2; ++k) {
+                const double of_a = k <= below ? a[k] * inverse_a : 0.0;
+                const double of_b = k <= below + 1 ? b[k] * inverse_b : 0.0;
+                const double of_c = c[k] * inverse_c;
+                if (of_a == 0.0 && of_b == 0.0 && of_c == 0.0) continue;
+                double* later = factor + (begin + k) * height - k;
+                subtract_rows(of_a, a + k, of_b, b + k, of_c, c + k, below + 1 - k, later + k);
+                if (k <= below + 1)
+                    later[below + 1] =
+                        later[below + 1] - of_b * b[below + 1] - of_c * c[below + 1];
+                later[below + 2] -= of_c * c[below + 2];
+            }
+        }
+        scale(begin, end);
     }
     return -1;
 }
 
-// Subtract the rows a, b and c, times their multipliers, from a row of `count` numbers.
-inline void subtract_rows(double of_a, const double* a, double of_b, const double* b,
-                          double of_c, const double* c, int count, double* row) {
-    for (int i = 0; i < count; ++i)
-        row[i] = row[i] - of_a * a[i] - of_b * b[i] - of_c * c[i];
-}
-
 // Divide several right sides, (columns + below, SIDES), by the L of a factor: forward substitution.
 // BELOW and SIDES are constants if they are known when compiling, or 0. The three columns of a UAV
-// in a slot are subtracted at once, so that rows are read and written once. Multipliers of powers
-// of the next slot are 0, because powers are coupled only in their own slot.
+// in a slot are subtracted at once, as in factor_band.
 template <int BELOW, int SIDES>
 void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right,
                      int right_sides) {
