@@ -44,8 +44,8 @@ inline void subtract_rows(double of_a, const double* a, double of_b, const doubl
 // In the factor, the first entry of a column is 1 / D.
 //
 // In wide bands the three columns of a UAV in a slot are subtracted at once, so that later columns
-// are read and written once. Multipliers of powers of the next slot are 0, because powers
-// are coupled only in their own slot.
+// are read and written once. In narrow bands loops of a few passes are unrolled. Multipliers of
+// powers of the next slot are 0, because powers are coupled only in their own slot.
 template <int BELOW>
 std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t columns,
                            int bandwidth, std::ptrdiff_t from) {
@@ -66,6 +66,7 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
     const auto subtract = [=](std::ptrdiff_t j, int count) {
         const double* column = factor + j * height;
         const double inverse = 1.0 / column[0];
+#pragma GCC unroll 16
         for (int k = 1; k <= count; ++k) {
             const double multiplier = column[k] * inverse;
             if (multiplier == 0.0) continue;
@@ -129,6 +130,7 @@ void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth
             row_b[s] -= a[1] * row_a[s];
             row_c[s] = row_c[s] - a[2] * row_a[s] - b[2] * row_b[s];
         }
+#pragma GCC unroll 16
         for (int k = 3; k <= below + 2; ++k) {
             const double of_a = k <= below ? a[k] : 0.0, of_b = k <= below + 1 ? b[k] : 0.0;
             if (of_a == 0.0 && of_b == 0.0 && c[k] == 0.0) continue;
