@@ -145,7 +145,8 @@ def test_numbers_times_and_arrays_are_taken_by_what_they_are():
     assert checked_array('x', [1, 2]).tolist() == [1.0, 2.0]
     for value, shape in (([1, 2], (3,)), ([[1, 2]], (2,)), ([1, 2], (None, 2)), ('x', ()),
                          (np.ma.masked_array([1.0, 2.0], [True, False]), (2,)), (None, ()),
-                         ([[1], [1, 2]], (2, None)), ([10**400], (1,))):
+                         ([[1], [1, 2]], (2, None)), ([10**400], (1,)), (['1', '2'], (2,)),
+                         ([True, False], (2,))):
         with pytest.raises(OptionError, match='x is '):
             checked_array('x', value, shape)
     with pytest.raises(ValueError, match='read-only'):

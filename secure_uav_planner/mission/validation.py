@@ -85,7 +85,8 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     """
     try:
         array = np.asarray(values, float)
-        fits = not np.ma.is_masked(values) and (not shapes or any(
+        is_number = np.asarray(values).dtype.kind not in 'SUb'  # Not text, and no truth values.
+        fits = is_number and not np.ma.is_masked(values) and (not shapes or any(
             len(shape) == array.ndim and all(wanted in (None, size) for wanted, size in zip(
                 shape, array.shape)) for shape in shapes))
     except (TypeError, ValueError, OverflowError):
