@@ -3,7 +3,7 @@ Multistart: Newton steps from random starts on a coarse grid; the best starts ar
 
 Many starts are ranked after a few steps, and only the best take further ones. The best are
 polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
-With several ground nodes the best also hop: in a part of the flight one UAV and the jamming change.
+With several ground nodes the best also hop: one UAV and the jamming change for a while.
 A few starts are finished on the full grid, and the best plan is polished there.
 Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
 Otherwise fly-hover-fly with the best powers is tried, too.

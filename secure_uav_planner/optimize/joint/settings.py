@@ -159,7 +159,7 @@ class _Starts(_Numbers):
     way_places: int = 128
     # Distances of these random places from the ground node, log-uniform [mean altitudes].
     way_distance: Range = (0.03, 4.0)
-    visiting: float = 0.75  # Ratio of the numbers of starts with several ground nodes and with one.
+    visiting: float = 0.75  # Ratio of numbers of starts with several ground nodes and with one.
     # Barrier parameter of starts that visit ground nodes, in shares of their rates.
     visit_mu: float = 0.03
     # Least barrier parameter of starts that visit ground nodes, some of which have no rate.
