@@ -360,12 +360,16 @@ def refine(grid: Grid, x: Array, finer: Grid, raise_if_over: DeadlineCheck) -> A
     """
     Return variables (N, U, 3) interpolated to a finer grid and moved strictly inside its limits.
 
-    Return None if no flights strictly inside the limits are found.
+    Return None if no flights strictly inside the limits are found. limit_acceleration blends whole
+    flights with the reference flight, by which one of several ground nodes may lose its rate; a
+    projection moves such flights less.
 
     :param x: variables of the coarser `grid`, (M, U, 3).
     """
-    x = grid.refine(x, finer.slots)
+    x, scenario = grid.refine(x, finer.slots), grid.scenario
     positions = finer.positions(x)
-    inside = (limit_acceleration(finer, positions) if grid.airspace.is_open else
-              move_inside(finer, positions, STARTS.refined_share, raise_if_over))
+    is_projected = not grid.airspace.is_open or (
+        scenario.limits_acceleration and len(scenario.ground_nodes) > 1)
+    inside = (move_inside(finer, positions, STARTS.refined_share, raise_if_over)
+              if is_projected else limit_acceleration(finer, positions))
     return None if inside is None else finer.variables(inside[:, 1:-1], finer.powers(x))
