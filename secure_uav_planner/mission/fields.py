@@ -16,8 +16,7 @@ from typing import Any, ClassVar, get_args, TypeAlias
 import numpy as np
 
 from .validation import is_sequence, to_number
-from ..errors import (
-    describe_class, FieldPath, OptionError, PlanningError, prefix_path, quote, ScenarioError)
+from ..errors import describe_class, FieldPath, OptionError, PlanningError, quote, ScenarioError
 
 Point: TypeAlias = tuple[float, float]
 Metadata: TypeAlias = dict[str, Any]
@@ -184,9 +183,12 @@ class Members:
 def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any, ...]:
     """Return the items of a sequence as a check converts them."""
     items: list[Any] = []
-    for value in values:
-        with prefix_path(len(items)):
+    try:
+        for value in values:
             items.append(check(value))
+    except PlanningError as error:
+        error.add_path(len(items))
+        raise
     return tuple(items)
 
 
