@@ -20,9 +20,10 @@ from secure_uav_planner.optimize.joint import visit_search
 from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.settings import VISIT_SEARCH
-from secure_uav_planner.optimize.joint.starts import limit_powers
+from secure_uav_planner.optimize.joint.starts import limit_powers, refine
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
+from strategies import with_uavs
 
 LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
            'C': [(0, 200), (-100, 0), (0, -200)], 'D': [(0, 0), (130, 60)]}
@@ -392,6 +393,21 @@ def test_an_assessment_draws_for_the_links_of_all_nodes(channel):
         usual, found = (assess(plan, 2000, world=World('fixed', los_distance=0.0)).mean
                         for plan in plans)
         assert found == pytest.approx(usual, rel=0.02) and usual > 0.2
+
+
+@pytest.mark.parametrize('layout', 'BC')
+def test_flights_past_several_nodes_are_hardly_moved_on_the_way_to_the_full_grid(layout):
+    """Before, they were blended with the reference flight, and one mission lost all its rate."""
+    problem = Problem(with_uavs(
+        make_mission(LAYOUTS[layout], slots=109), max_acceleration=2.0,
+        start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0)))
+    fine, coarse = problem.grid, problem.grid.with_slots(40)
+    plan = solve(coarse.scenario, objective='guaranteed')
+    x = coarse.variables(plan.positions[:, 1:-1], np.maximum(plan.powers, 1e-6))
+    refined = refine(coarse, x, fine, lambda: None)
+    positions, expected = fine.positions(refined), fine.positions(coarse.refine(x, fine.slots))
+    problem.validate(positions, fine.powers(refined))
+    assert np.abs(positions - expected).max() < 2.0
 
 
 def test_a_lone_transmitter_serves_nodes_without_the_time_to_visit_them():
