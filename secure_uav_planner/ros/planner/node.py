@@ -231,6 +231,7 @@ class Planner(WorkingNode):
             self._tracking.check_steady(now)
             request.check_flight(self._flight(now), now)
             self._state.keep_requested(plan)
+            self._local_frames.moves.clear()
             self._publish_plan(plan, outgoing)
             self._save(plan)
             text = self._log_outcome()
@@ -328,6 +329,7 @@ class Planner(WorkingNode):
             return
         # A replan of the same flight is published as well, for receivers that have moved.
         is_new = self._state.keep_replan(plan)
+        self._local_frames.moves.clear()
         self._publish_plan(plan, outgoing, begin)
         self._save(plan)
         if is_new:
@@ -361,7 +363,6 @@ class Planner(WorkingNode):
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
         now = self._now()
-        self._local_frames.moves.clear()
         self._tracking.add_plan(plan, now)
         self._replanning.note_plan(now, begin)
         self._publish_status()
