@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from rclpy.clock import ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from ros_client import node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
@@ -90,15 +91,10 @@ def send(client, plan, start_ns, frame_id='earth'):
         messages.plan_text(replace(plan, start_ns=start_ns), frame_id))
 
 
-def test_it_loops_and_starts_by_itself_when_asked_by_timers_that_no_clock_sets_back(
-        poses, file, monkeypatch):
-    timers, create_timer = [], Node.create_timer
-    monkeypatch.setattr(Replay, 'create_timer', lambda *arguments, **options: timers.append(
-        create_timer(*arguments, **options)) or timers[-1])
+def test_it_loops_and_starts_by_itself_when_asked(poses, file):
     with node_here('replay', plan_file=file, speed=2000.0, loop='true',
                    autostart='true') as process:
         wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
-        assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
 
 
 def begins_at(seconds):
@@ -247,6 +243,39 @@ def test_paths_without_a_plan_are_told_in_one_line(client):
         assert 'examples/ros/plan_from_path.py' in line
         answer = client.call('replay/start')
         assert not answer.success and 'uav1/path is published' in answer.message
+
+
+def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, monkeypatch):
+    timers, behind, create_timer = [], [0.0], Node.create_timer
+
+    class SetBack:
+        """The clock of a node, which is set back."""
+
+        def __init__(self, node):
+            self._clock = Node.get_clock(node)
+            self.handle, self.ros_time_is_active = self._clock.handle, False
+
+        def now(self):
+            return self._clock.now() - Duration(seconds=behind[0])
+
+    def note_timer(*arguments, **options):
+        timers.append(create_timer(*arguments, **options))
+        return timers[-1]
+
+    monkeypatch.setattr(Replay, 'get_clock', lambda node: SetBack(node))
+    monkeypatch.setattr(Replay, 'create_timer', note_timer)
+    replace(plan, start_ns=begins_at(0.0)).save(file)
+    with node_here('replay', plan_file=file):
+        assert client.call('replay/start').success
+        wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
+        before, behind[0] = poses[-1], 3600.0
+        wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
+        wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
+        assert client.call('replay/pause').success
+        # It has begun, although its time is to come once more.
+        assert client.call('replay/start').message.partition(': playing')[1]
+        # What calls it is not set back.
+        assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
 
 
 def test_a_message_that_is_no_plan_is_told_once_and_leaves_the_last_plan(client, plan):
