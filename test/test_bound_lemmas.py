@@ -242,6 +242,71 @@ def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
     assert any(violates(seed) for seed in range(400))
 
 
+@given(st.integers(0, 10**6), st.integers(1, 6))
+@settings(max_examples=40, deadline=None)
+def test_a_flight_without_acceleration_satisfies_lemma_8_for_large_accelerations(seed, most):
+    rng = np.random.default_rng(seed)
+    velocity = rng.normal(0, 10, 2)
+    path = np.arange(8)[:, None] * velocity
+    uav = Uav('uav1', tuple(path[0]), tuple(path[-1]), 80.0, np.hypot(*velocity),
+              max_acceleration=1e-6, start_velocity=tuple(velocity), goal_velocity=tuple(velocity))
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((50.0, 0.0)),), (uav,), 6.0, 6)
+    groups = SlotGroups.of(6, most)
+    region = ReachableSet.of(
+        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    path = region.local(path)
+    # Along the flight, speed and acceleration may pay for one another.
+    slope, acceleration = rng.normal(0, 1, (2, most + 1, 1)) * [1.0, 0.0]
+    potential = Potential(slope, np.zeros((most + 1, 3)), np.cumsum(acceleration, 0), groups,
+                          region)
+    change = potential.change[0][slot_groups(groups)]
+    total = potential.end_cost() + groups.count @ potential.constant() + (change * path[1:-1]).sum()
+    assert total >= -1e-9
+
+
+@given(st.integers(0, 10**6))
+def test_a_potential_of_almost_no_curvature_costs_what_one_without_costs(seed):
+    region, rng = region_of(seed), np.random.default_rng(seed)
+    linear = random_potential(region, SlotGroups.of(6), rng, False)
+    curved = replace(linear, curvature=np.full((7, 3), 1e-12))
+    length, *slope = curved.speed_cost().T[:3]
+    np.testing.assert_allclose(
+        curved.constant() + length * np.hypot(*slope), linear.constant(), atol=1e-9)
+    assert curved.end_cost() == pytest.approx(linear.end_cost(), abs=1e-9)
+
+
+@given(st.integers(0, 10**6))
+def test_a_start_and_a_goal_may_be_missed_by_the_tolerance_of_a_plan(seed):
+    region, rng = region_of(seed), np.random.default_rng(seed)
+    groups, goal, miss = SlotGroups.of(6), np.array([region.distance, 0.0]), np.full(2, 0.99e-6)
+    for edge in (0, -1):
+        slope = np.zeros((7, 2))
+        slope[edge] = rng.normal(0, 1e3, 2)
+        potential = Potential(slope, np.zeros((7, 3)), np.zeros((7, 2)), groups, region)
+        size = np.hypot(*slope[edge])
+        exact = region.step * size if edge == 0 else -slope[edge] @ goal
+        assert potential.end_cost() >= exact + size * np.hypot(*miss) / region.unit
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5))
+@settings(max_examples=40, deadline=None)
+def test_a_slot_of_a_group_costs_no_less_than_the_mean_of_its_slots_alone(seed, most):
+    """T is convex, so potentials interpolated between a group's edges never exceed its own T."""
+    rng = np.random.default_rng(seed)
+    _, scenario = tight_flight(rng, '')
+    subset = EavesdropperSubset.of(scenario, 'guaranteed')
+    groups, alone = SlotGroups.of(6, most), SlotGroups.of(6)
+    shared, own = (ReachableSet.of(scenario, 0, part, subset, None) for part in (groups, alone))
+    slope, acceleration = rng.normal(0, 1, (2, most + 1, 2)) * rng.choice([0.0, 1.0], (2, 1, 1))
+
+    def interpolate(edges):
+        return np.stack([np.interp(np.arange(7), groups.edges, part) for part in edges.T], -1)
+    shared = Potential(slope, np.zeros((most + 1, 3)), acceleration, groups, shared)
+    own = Potential(interpolate(slope), np.zeros((7, 3)), interpolate(acceleration), alone, own)
+    costs = np.add.reduceat(own.constant(), groups.edges[:-1]) / groups.count
+    assert (costs <= shared.constant() + 1e-9).all()
+
+
 def test_quadratic_potentials_in_groups_of_several_slots_are_refused():
     scenario = mission(1)
     groups = SlotGroups.of(6, 4)
