@@ -83,6 +83,19 @@ def test_a_plan_is_flown_as_a_whole_from_its_time_or_from_a_later_release(plan, 
     assert end.positions == pytest.approx(plan.scenario.goals)
 
 
+def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
+    bench = start_flight(plan, 30.0)
+    assert bench.player.pause()
+    held = bench.run(15.0)
+    assert not held.velocities.any() and bench.player.flight.time_scale == 0.0
+    # The powers of the plan are for receivers at its time, which has passed.
+    assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
+    assert not bench.player.pause()
+    bench.player.start()
+    bench.run(10.0)
+    assert bench.player.flight.time_scale == 1.0 and 14.99 < bench.lag < 25.0
+
+
 @pytest.mark.parametrize('slots', [200, 20000])
 def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slots, monkeypatch):
     scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0,
@@ -245,22 +258,17 @@ def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
     assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
 
 
-def test_a_pause_holds_without_power_and_a_continuation_is_adopted_and_waits_to_be_released(plan):
+def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
     bench = start_flight(plan, 25.0)
-    assert bench.player.pause()
-    held = bench.run(15.0)
-    assert not held.velocities.any() and bench.player.flight.time_scale == 0.0
-    # The powers of the plan are for receivers at its time, which has passed.
-    assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
-    assert not bench.player.pause()
+    bench.player.pause()
+    bench.run(15.0)
     next_plan = plan_continuation(bench, plan, 1.0)
     bench.player.load(next_plan)
     assert bench.player.playback.plan is next_plan
     assert not bench.run(5.0).velocities.any()
     bench.player.start()
-    bench.run(10.0)
+    bench.run(5.0)
     assert bench.player.flight.time > next_plan.scenario.slot_duration and not bench.refused
-    assert bench.player.flight.time_scale == 1.0
 
 
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):

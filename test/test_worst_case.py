@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import oracle
@@ -60,6 +60,7 @@ def check_bounds(scenario, positions, powers, rng, margin=1e-11):
             <= channel.worst_case_rates(scenario, positions, powers)).all()
 
 
+@settings(max_examples=140)
 @given(missions(max_eavesdroppers=4), st.booleans(), SEEDS)
 def test_no_place_leaks_more_than_proven_and_the_worst_within_1e_6(scenario, moves, seed):
     rng = np.random.default_rng(seed)
