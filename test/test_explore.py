@@ -256,9 +256,9 @@ class Page:
 
     def middle_of(self, selector):
         """Return the middle of an element, in pixels."""
-        return self.browser.execute_script("""
+        return wait_for(self.browser, lambda: self.browser.execute_script("""
             const box = document.querySelector(arguments[0]).getBoundingClientRect();
-            return [box.x + box.width / 2, box.y + box.height / 2].map(Math.round);""", selector)
+            return [box.x + box.width / 2, box.y + box.height / 2].map(Math.round);""", selector))
 
     def drag(self, start, end):
         self._point(start, 'pointer_down', end, 'pointer_up')

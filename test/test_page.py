@@ -15,6 +15,7 @@ import pytest
 from secure_uav_planner import Bound, Channel, Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.output.page import draw_page, save_page
 from selenium import webdriver
+from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -142,7 +143,10 @@ def readout(browser):
 
 
 def wait_for(browser, condition):
-    return WebDriverWait(browser, PATIENCE).until(lambda _: condition())
+    """Return what a condition gives once that is true, however often the page is drawn again."""
+    redrawn = [StaleElementReferenceException, JavascriptException]
+    return WebDriverWait(browser, PATIENCE, ignored_exceptions=redrawn).until(
+        lambda _: condition())
 
 
 def wait_for_rest(browser, value):
