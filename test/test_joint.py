@@ -64,7 +64,7 @@ def test_objectives_never_fall_and_beat_the_baseline_and_the_formula_within_all_
 
 
 @pytest.mark.parametrize('seed, slots, most, least', [
-    (4, 60, 9, 1.80), (3028, 60, 9, 0.113), (3063, 60, 9, 0.985), (3068, 60, 9, 0.425),
+    (4, 60, 9, 1.80), (3028, 60, 9, 0.113), (3063, 60, 9, 0.985), (3068, 60, 9, 0.415),
     (6, None, 2, 0.57)])  # The last is won in few good slots.
 def test_missions_with_many_optima_end_near_the_best_known(seed, slots, most, least):
     """Starts that hover in regular patterns, with more jamming, or fewer end 4 to 30% lower."""

@@ -1,187 +1,110 @@
 #include "linear.hpp"
 
-#include <limits>
+#include <utility>
 
 namespace kernel {
 
 namespace {
 
-// The scalar product, summed in two parts because this is faster.
-double dot(const double* a, const double* b, int n) {
-    double even = 0.0, odd = 0.0;
-    int i = 0;
-    for (; i + 1 < n; i += 2) {
-        even += a[i] * b[i];
-        odd += a[i + 1] * b[i + 1];
-    }
-    return even + odd + (i < n ? a[i] * b[i] : 0.0);
+// Least ratio of a pivot of one row and the largest entry beside it, (1 + sqrt(17)) / 8.
+constexpr double PIVOT_RATIO = 0.6403882032022076;
+
+// Return the column, from k on, of the largest entry of a row beside the diagonal, or the row's own
+// if those entries are 0.
+int find_largest(const double* matrix, int size, int k, int row) {
+    int largest = row;
+    for (int j = k; j < size; ++j)
+        if (j != row && std::fabs(matrix[row * size + j]) >
+                            (largest == row ? 0.0 : std::fabs(matrix[row * size + largest])))
+            largest = j;
+    return largest;
 }
 
-// Reduce a symmetric matrix, given by its lower triangle, to tridiagonal form by Householder
-// reflections: `d` becomes the diagonal, e[1..] the subdiagonal and the rows of `w` the basis of
-// the tridiagonal form. `v` is overwritten.
-template <int SIZE>
-void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
-    const int n = SIZE ? SIZE : size;
-    for (int i = n - 1; i > 0; --i) {
-        double* row = v + i * n;
-        double scale = 0.0, h = 0.0;
-        for (int k = 0; k < i; ++k) scale += std::fabs(row[k]);
-        if (i == 1 || scale == 0.0) {
-            e[i] = row[i - 1];
-            d[i] = 0.0;
-            continue;
-        }
-        const double inverse = 1.0 / scale;
-        for (int k = 0; k < i; ++k) row[k] *= inverse;
-        h = dot(row, row, i);
-        const double last = row[i - 1], root = std::sqrt(h);
-        const double g = last >= 0.0 ? -root : root;
-        e[i] = scale * g;
-        h -= last * g;
-        row[i - 1] = last - g;
-        std::fill(e, e + i, 0.0);
-        for (int j = 0; j < i; ++j) {
-            const double* lower = v + j * n;
-            const double entry = row[j];
-            for (int k = 0; k < j; ++k) e[k] += lower[k] * entry;
-            e[j] += dot(lower, row, j + 1);
-        }
-        const double reciprocal = 1.0 / h;
-        const double half = 0.5 * reciprocal * reciprocal * dot(e, row, i);
-        for (int j = 0; j < i; ++j) e[j] = e[j] * reciprocal - half * row[j];
-        for (int j = 0; j < i; ++j) {
-            double* lower = v + j * n;
-            const double f = row[j], q = e[j];
-            for (int k = 0; k <= j; ++k) lower[k] -= f * e[k] + q * row[k];
-        }
-        d[i] = h;
-    }
-    d[0] = e[0] = 0.0;
-    std::fill(w, w + n * n, 0.0);
-    for (int i = 0; i < n; ++i) {
-        const double* row = v + i * n;
-        if (d[i] != 0.0) {
-            for (int j = 0; j < i; ++j) {
-                double* vector = w + j * n;
-                const double share = dot(row, vector, i) / d[i];
-                for (int k = 0; k < i; ++k) vector[k] -= share * row[k];
-            }
-        }
-        d[i] = row[i];
-        w[i * n + i] = 1.0;
-    }
-}
-
-// Diagonalise a tridiagonal matrix by implicit QL steps: `d` becomes the eigenvalues and the
-// rows of `w` the eigenvectors. Return false if it does not converge.
-template <int SIZE>
-bool diagonalise(double* w, double* d, double* e, int size) {
-    const int n = SIZE ? SIZE : size;
-    const double epsilon = std::numeric_limits<double>::epsilon();
-    for (int i = 1; i < n; ++i) e[i - 1] = e[i];
-    e[n - 1] = 0.0;
-    for (int l = 0; l < n; ++l) {
-        for (int iteration = 0;; ++iteration) {
-            int m = l;
-            for (; m < n - 1; ++m) {
-                if (std::fabs(e[m]) <= epsilon * (std::fabs(d[m]) + std::fabs(d[m + 1]))) break;
-            }
-            if (m == l) break;
-            if (iteration == 60) return false;
-            double g = (d[l + 1] - d[l]) / (2.0 * e[l]);
-            double r = std::sqrt(g * g + 1.0);
-            g = d[m] - d[l] + e[l] / (g + std::copysign(r, g));
-            double s = 1.0, c = 1.0, p = 0.0;
-            int i = m - 1;
-            for (; i >= l; --i) {
-                const double f = s * e[i], b = c * e[i];
-                r = std::sqrt(f * f + g * g);
-                e[i + 1] = r;
-                if (r == 0.0) {
-                    d[i + 1] -= p;
-                    e[m] = 0.0;
-                    break;
-                }
-                const double inverse = 1.0 / r;
-                s = f * inverse;
-                c = g * inverse;
-                g = d[i + 1] - p;
-                r = (d[i] - g) * s + 2.0 * c * b;
-                p = s * r;
-                d[i + 1] = g + p;
-                g = c * r - b;
-                double *here = w + i * n, *next = here + n;
-                for (int k = 0; k < n; ++k) {
-                    const double old = next[k];
-                    next[k] = s * here[k] + c * old;
-                    here[k] = c * here[k] - s * old;
-                }
-            }
-            if (r == 0.0 && i >= l) continue;
-            d[l] -= p;
-            e[l] = g;
-            e[m] = 0.0;
-        }
-    }
-    return true;
-}
-
-// Try a Cholesky factorisation of a symmetric matrix. `space` holds size * size numbers.
-template <int SIZE>
-bool is_positive_definite(const double* matrix, int order, double* space) {
-    const int size = SIZE ? SIZE : order;
-    for (int j = 0; j < size; ++j)
-        for (int i = j; i < size; ++i) space[j * size + i] = matrix[i * size + j];
-    for (int j = 0; j < size; ++j) {
-        const double* row = space + j * size;
-        if (!(row[j] > 0.0)) return false;
-        const double inverse = 1.0 / row[j];
-        for (int i = j + 1; i < size; ++i) {
-            const double multiplier = row[i] * inverse;
-            for (int k = i; k < size; ++k) space[i * size + k] -= multiplier * row[k];
-        }
-    }
-    return true;
-}
-
-// find_negative_part for a SIZE that is known when compiling, or for any order (SIZE = 0).
-template <int SIZE>
-void find_negative_part_sized(double* matrix, int order, double* space) {
-    const int size = SIZE ? SIZE : order;
-    if (is_positive_definite<SIZE>(matrix, size, space)) {
-        std::fill(matrix, matrix + size * size, 0.0);
-        return;
-    }
-    double *vectors = space + size * size, *values = vectors + size * size;
-    double* subdiagonal = values + size;
-    std::copy(matrix, matrix + size * size, space);
-    tridiagonalise<SIZE>(space, vectors, values, subdiagonal, size);
-    const bool converged = diagonalise<SIZE>(vectors, values, subdiagonal, size);
-    std::fill(matrix, matrix + size * size, 0.0);
-    for (int k = 0; k < size; ++k) {
-        // Without convergence the matrix becomes infinite, and so the step fails.
-        const double shift = converged ? -values[k] : std::numeric_limits<double>::infinity();
-        if (!(shift > 0.0)) continue;
-        const double* vector = vectors + k * size;
-        for (int i = 0; i < size; ++i) {
-            const double scaled = shift * vector[i];
-            for (int j = 0; j <= i; ++j) matrix[i * size + j] += scaled * vector[j];
-        }
+// Return the two rows, from k on, of a rook pivot, or one row twice. No multiplier exceeds 2.8.
+std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
+    const auto entry = [=](int i, int j) { return std::fabs(matrix[i * size + j]); };
+    int first = k;
+    for (int i = k + 1; i < size; ++i)
+        if (entry(i, i) > entry(first, first)) first = i;
+    int second = find_largest(matrix, size, k, first);
+    if (entry(first, first) >= PIVOT_RATIO * entry(first, second)) return {first, first};
+    for (;;) {
+        const int next = find_largest(matrix, size, k, second);
+        if (!(entry(second, next) > entry(first, second))) return {first, second};
+        first = second;
+        second = next;
     }
 }
 
 }  // namespace
 
-// Sizes 3 U of 1 to 4 UAVs have versions of their own, which are faster.
-void find_negative_part(double* matrix, int size, double* space) {
-    switch (size) {
-        case 3: return find_negative_part_sized<3>(matrix, size, space);
-        case 6: return find_negative_part_sized<6>(matrix, size, space);
-        case 9: return find_negative_part_sized<9>(matrix, size, space);
-        case 12: return find_negative_part_sized<12>(matrix, size, space);
-        default: return find_negative_part_sized<0>(matrix, size, space);
+// The matrix A is factored, P A P^T = L D L^T, where D has blocks of one or two rows (Ashcraft,
+// Grimes and Lewis, 1998), and negative eigenvalues of D become 0 (Cheng and Higham, 1998).
+// A block of two rows always has one negative eigenvalue.
+void find_modification(double* matrix, int size, double* space) {
+    double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
+    std::vector<int> order(size);
+    for (int i = 0; i < size; ++i) {
+        order[i] = i;
+        for (int j = 0; j <= i; ++j) a[i * size + j] = a[j * size + i] = matrix[i * size + j];
     }
+    std::fill(sum, shifts + size, 0.0);
+    const auto swap = [&](int i, int k) {
+        if (i == k) return;
+        std::swap(order[i], order[k]);
+        std::swap_ranges(a + i * size, a + (i + 1) * size, a + k * size);
+        for (int j = 0; j < size; ++j) std::swap(a[j * size + i], a[j * size + k]);
+    };
+    // Below the diagonal, column k becomes the vector whose outer product is multiplied by shift k.
+    for (int k = 0, rows; k < size; k += rows) {
+        const auto [first, second] = choose_pivot(a, size, k);
+        rows = first == second ? 1 : 2;
+        swap(k, first);
+        double *upper = a + k * size, *lower = upper + size;
+        const double p = upper[k];
+        if (rows == 1) {
+            if (p == 0.0) continue;  // All of its row is 0.
+            const double inverse = 1.0 / p;
+            for (int i = k + 1; i < size; ++i) {
+                double* row = a + i * size;
+                const double multiplier = upper[i] * inverse;
+                for (int j = k + 1; j < size; ++j) row[j] -= multiplier * upper[j];
+                row[k] = multiplier;
+            }
+            upper[k] = 1.0;
+            shifts[k] = std::max(0.0, -p);
+            continue;
+        }
+        swap(k + 1, second == k ? first : second);
+        const double q = upper[k + 1], r = lower[k + 1], inverse = 1.0 / (p * r - q * q);
+        // The eigenvector (x, y) of the negative eigenvalue.
+        const double half = 0.5 * (p - r), root = std::sqrt(half * half + q * q);
+        const double scale = 1.0 / std::sqrt(2.0 * root * (root + std::fabs(half)));
+        const double x = scale * (half < 0.0 ? root - half : -q);
+        const double y = scale * (half < 0.0 ? -q : root + half);
+        for (int i = k + 2; i < size; ++i) {
+            double* row = a + i * size;
+            const double of_upper = (r * upper[i] - q * lower[i]) * inverse;
+            const double of_lower = (p * lower[i] - q * upper[i]) * inverse;
+            for (int j = k + 2; j < size; ++j) row[j] -= of_upper * upper[j] + of_lower * lower[j];
+            row[k] = x * of_upper + y * of_lower;
+        }
+        upper[k] = x;
+        lower[k] = y;
+        shifts[k] = root - 0.5 * (p + r);
+    }
+    for (int k = 0; k < size; ++k) {
+        if (!(shifts[k] > 0.0)) continue;
+        for (int i = k; i < size; ++i) vector[i] = a[i * size + k];
+        for (int i = k; i < size; ++i) {
+            const double scaled = shifts[k] * vector[i];
+            for (int j = k; j <= i; ++j) sum[i * size + j] += scaled * vector[j];
+        }
+    }
+    for (int i = 0; i < size; ++i)
+        for (int j = 0; j <= i; ++j)
+            matrix[order[i] * size + order[j]] = matrix[order[j] * size + order[i]] =
+                sum[i * size + j];
 }
 
 // Gaussian elimination with row pivots; the solution replaces the right side.

@@ -18,9 +18,10 @@ constexpr int SINGLE_SLOTS = 3, ALL_SLOTS = 12;
 // Shifts of the diagonal, over its largest entry, that are tried when all slots are convex.
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
 
-// Replace a symmetric matrix (size, size), given by its lower triangle, by the smallest matrix
-// whose sum with it is positive semidefinite. `space` holds size * (2 * size + 2) numbers.
-void find_negative_part(double* matrix, int size, double* space);
+// Replace a symmetric matrix (size, size), given by its lower triangle, by a positive semidefinite
+// matrix whose sum with it is positive semidefinite, too. `space` holds size * (2 * size + 2)
+// numbers.
+void find_modification(double* matrix, int size, double* space);
 
 // Solve a small dense system in place by elimination with row pivots; return false if singular.
 bool solve_dense(double* matrix, double* right, int size);
@@ -324,19 +325,19 @@ private:
         return is_finite(step, variables);
     }
 
-    // Replace the block of a slot by the nearest positive semidefinite one, also in the band.
+    // Make the block of a slot positive semidefinite, also in the band.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];
         if (!shares_) {
-            find_negative_part(block, W, space_.data());
+            find_modification(block, W, space_.data());
             return add_block(n, block);
         }
         const double* reduced = &eliminated_[n * W * W];
-        std::vector<double> negative(block, block + W * W), before(reduced, reduced + W * W);
-        find_negative_part(negative.data(), W, space_.data());
+        std::vector<double> added(block, block + W * W), before(reduced, reduced + W * W);
+        find_modification(added.data(), W, space_.data());
         for (int i = 0; i < W; ++i)
-            for (int j = 0; j <= i; ++j) block[i * W + j] += negative[i * W + j];
+            for (int j = 0; j <= i; ++j) block[i * W + j] += added[i * W + j];
         eliminate_shares(n);
         for (int i = 0; i < W * W; ++i) before[i] = reduced[i] - before[i];
         add_block(n, before.data());
@@ -345,8 +346,8 @@ private:
     // Factor the band after making it positive definite with few changes.
     //
     // First, the blocks of the slots where the factorisation fails and of their neighbours are
-    // projected on the semidefinite cone. This ends, because all limits' terms are convex. Then
-    // the diagonal is shifted if rounding still makes the factorisation fail.
+    // made positive semidefinite. This ends, because all limits' terms are convex. Then the
+    // diagonal is shifted if rounding still makes the factorisation fail.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;

@@ -3,7 +3,8 @@ Multistart: Newton steps from random starts on a coarse grid; the best starts ar
 
 Many starts are ranked after a few steps, and only the best take further ones. The best are
 polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
-With several ground nodes the best also hop: one UAV and the jamming change for a while.
+With several ground nodes, or many UAVs, the best also hop: one UAV and the jamming change for a
+while.
 A few starts are finished on the full grid, and the best plan is polished there.
 Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
 Otherwise fly-hover-fly with the best powers is tried, too.
@@ -47,7 +48,9 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
     early = SolverDriver(incumbent, elevation_offset=offsets[0])
     is_single = len(incumbent.scenario.ground_nodes) == 1
-    search = MULTISTART.single_node if is_single else MULTISTART.several_nodes
+    search = (MULTISTART.several_nodes if not is_single
+              else MULTISTART.many_uavs if len(incumbent.scenario.uavs) >= MULTISTART.many
+              else MULTISTART.single_node)
     grid, first, batches = _generate_coarse_starts(driver, search)
     x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
     agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
@@ -62,8 +65,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = select_best(rates, search.gap, MULTISTART.polished)
         x, rates = _polish(early, grid, x[near], rates[near], search)
-        if not is_single:
-            x, rates = _hop(early, grid, x, rates, search, MULTISTART.hops)
+        x, rates = _hop(early, grid, x, rates, search, search.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
@@ -78,8 +80,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             fine.grid, fine.x, np.maximum(fine.mu, DESCENT.coarse_mu))
     status = driver.finish(fine)
     if not agreed:
-        if not is_single and driver.grid.slots <= MULTISTART.hop_slots:
-            _hop(driver, fine.grid, fine.x, fine.rates(), search, MULTISTART.full_hops)
+        if driver.grid.slots <= MULTISTART.hop_slots:
+            _hop(driver, fine.grid, fine.x, fine.rates(), search, search.full_hops)
         _try_baseline(baseline, incumbent)
         with suppress(*_FAILURES):
             for share in search.polish_mus:

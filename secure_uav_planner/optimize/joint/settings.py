@@ -11,6 +11,19 @@ Range: TypeAlias = tuple[float, float]
 """Smallest and largest value of a number that is drawn log-uniformly or uniformly."""
 
 
+class Hops(NamedTuple):
+    """
+    Rounds of hops, each of which begins at the best starts.
+
+    :param kept: the most starts at which the first round begins. After a round in which the best
+        rate does not rise there is one less; the rounds end when none is left.
+    :param rounds: the most rounds.
+    """
+
+    kept: int
+    rounds: int
+
+
 class Search(NamedTuple):
     """
     How starts are searched on the coarse grid.
@@ -24,6 +37,8 @@ class Search(NamedTuple):
     :param polish_steps: Newton steps of each polish.
     :param lowered: ratio of the last barrier parameter of these steps and the least first one.
     :param finished: the most starts that are finished on the full grid.
+    :param hops: hops on the coarse grid.
+    :param full_hops: hops on a full grid of few slots.
     """
 
     whole_slots: int
@@ -33,19 +48,8 @@ class Search(NamedTuple):
     polish_steps: int
     lowered: float
     finished: int
-
-
-class Hops(NamedTuple):
-    """
-    Rounds of hops, each of which begins at the best starts.
-
-    :param kept: the most starts at which the first round begins. After a round in which the best
-        rate does not rise there is one less; the rounds end when none is left.
-    :param rounds: the most rounds.
-    """
-
-    kept: int
-    rounds: int
+    hops: Hops = Hops(kept=0, rounds=0)
+    full_hops: Hops = Hops(kept=0, rounds=0)
 
 
 class Beginning(NamedTuple):
@@ -112,19 +116,22 @@ class _Multistart(_Numbers):
     close: float = 0.02
     hops_at_once: int = 4  # Hops in a round.
     hop_steps: int = 80  # Newton steps of each hop.
-    hops: Hops = Hops(kept=4, rounds=10)  # Rounds of hops on the coarse grid.
-    full_hops: Hops = Hops(kept=1, rounds=3)  # Rounds of hops on the full grid.
     hop_slots: int = 120  # The most slots of a full grid on which there are hops.
     # First barrier parameter on the full grid with several ground nodes, in shares of the rate.
     nodes_mu: float = 0.003
-    # The search with one ground node, whose starts are not ranked.
+    # The search with one ground node and few UAVs, whose starts are not ranked.
     single_node: Search = Search(
         whole_slots=_Descent.coarse_slots, ranking=((1.0, steps),), gap=gap,
         polish_mus=(0.05, 0.01), polish_steps=15, lowered=1.0, finished=2)
+    many: int = 4  # Least number of UAVs that are many.
+    # The search with one ground node and many UAVs.
+    many_uavs: Search = single_node._replace(
+        ranking=((1.0, 20), (0.3, 17)), hops=Hops(kept=4, rounds=4))
     # The search with several ground nodes.
     several_nodes: Search = Search(
         whole_slots=60, ranking=((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5,
-        polish_mus=(0.03,), polish_steps=25, lowered=0.02, finished=3)
+        polish_mus=(0.03,), polish_steps=25, lowered=0.02, finished=3,
+        hops=Hops(kept=4, rounds=10), full_hops=Hops(kept=1, rounds=3))
     # Jamming levels of power control, in shares of limit_powers.
     levels: tuple[float, ...] = (1.0, 0.1, 0.01, 0.001)
     level_steps: int = 20  # Newton steps from each level on the coarse grid.
