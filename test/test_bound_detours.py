@@ -99,7 +99,7 @@ def test_flights_stay_in_their_reachable_sets(seed):
     (None, [1] * 6, None, -11.0, 131.0), (1, [1] * 6, None, -11.0, 131.0),
     (None, [1] * 6, 1, -11.0, 131.0), (1, [-1, -1, -1, 1, 1, 1], -1, -55.0, 0.01)])
 def test_a_flight_at_all_its_limits_stays_in_its_reachable_set(before, signs, after, low, high):
-    """It follows the edge of the fence to walls, which its curve does not enter but its points."""
+    """The flight is along the fence. Its points may be inside a wall that its curve avoids."""
     step, ts = 20.0, 2.0
     x = np.cumsum([0.0, *(step * np.array(signs))])
     velocities = [sign and (sign * step / ts, 0.0) for sign in (before, after)]
@@ -184,7 +184,7 @@ def narrow_fence():
 @pytest.mark.parametrize('scenario', [narrow_fence(), *(
     halve_zones(random_city_mission(seed)) for seed in range(8))], ids=range(9))
 def test_the_polygon_to_go_around_is_a_little_smaller_than_the_obstacles(scenario):
-    """It bars no way that a plan may take, such as the line between two zones that touch."""
+    """A plan may fly along the line between two zones that touch, so this line is free."""
     airspace, fence = Airspace(scenario), shapely.Polygon(scenario.geofence)
     outside = fence.convex_hull.buffer(10.0).difference(fence)
     for altitude, parts in DetourSearch(airspace)._parts.items():

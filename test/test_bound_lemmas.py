@@ -306,7 +306,7 @@ def test_start_and_goal_are_on_the_first_axis_of_a_uavs_frame(seed):
 
 @given(st.integers(0, 10**6))
 def test_the_fastest_flight_within_all_tolerances_is_at_the_rim_of_its_reachable_sets(seed):
-    """A Plan accepts the flight; no flight is farther from its start and goal at every point."""
+    """At no point is a flight that a Plan accepts farther from its start or its goal."""
     rng, ts, slots, miss, excess = np.random.default_rng(seed), 2.0, 6, 0.99e-6, 0.99e-9
     step, count, change = 40.0 + miss, np.arange(1, slots + 2), rng.uniform(10.0, 60.0) + miss
     beyond = [None if rng.random() < 0.4 else rng.choice([0.0, 20.0, 40.0]) for _ in range(2)]
