@@ -81,6 +81,22 @@ def test_no_disc_is_left_out_for_places_in_another():
         assert (distance <= discs.radii[subset.owners]).all()
 
 
+@pytest.mark.parametrize('objective', OBJECTIVES)
+def test_places_that_are_selected_keep_their_radii_advantages_and_owners(objective):
+    mission = random_mission(19, slots=12)
+    mission = replace(mission, eavesdroppers=tuple(
+        replace(eve, receiver_advantage_db=float(n)) for n, eve in enumerate(
+            mission.eavesdroppers)))
+
+    def rows(subset):
+        return {*zip(*subset.places.T, subset.radii, subset.advantages, subset.owners)}
+    every = EavesdropperSubset.of(mission, objective)
+    for loudest in range(len(every.places)):
+        sinrs = np.eye(len(every.places))[:, [loudest]]
+        subset = every.select_loudest(sinrs, 2, False)
+        assert rows(subset) < rows(every) and every.places[loudest] in subset.places
+
+
 @pytest.mark.parametrize('snr', [90.0, 300.0])
 def test_a_plan_at_all_tolerances_stays_below(snr):
     uav = Uav('uav1', (100.0, 0.0), (-100.0, 0.0), 60.0, 20.0, 1.0, 1.0)

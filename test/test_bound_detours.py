@@ -6,7 +6,7 @@ from bound_attack import largest_excess, slot_groups
 import numpy as np
 import pytest
 from random_cities import random_city_mission
-from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, upper_bound
+from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, solve, Uav, upper_bound
 from secure_uav_planner.bound.method import list_ignored_limits
 from secure_uav_planner.bound.proof import certificate, detours
 from secure_uav_planner.bound.proof.detours import DetourSearch
@@ -95,6 +95,40 @@ def test_flights_stay_in_their_reachable_sets(seed):
             assert region.contains(region.local(positions[1:-1]), slot_groups(groups)).all()
 
 
+@pytest.mark.parametrize('before, signs, after, low, high', [
+    (None, [1] * 6, None, -11.0, 131.0), (1, [1] * 6, None, -11.0, 131.0),
+    (None, [1] * 6, 1, -11.0, 131.0), (1, [-1, -1, -1, 1, 1, 1], -1, -55.0, 0.01)])
+def test_a_flight_at_all_its_limits_stays_in_its_reachable_set(before, signs, after, low, high):
+    """The flight is along the fence. Its points may be inside a wall that its curve avoids."""
+    step, ts = 20.0, 2.0
+    x = np.cumsum([0.0, *(step * np.array(signs))])
+    velocities = [sign and (sign * step / ts, 0.0) for sign in (before, after)]
+    uav = Uav('uav1', (0.0, 0.0), (x[-1], 0.0), 100.0, step / ts, 1.0, 1.0,
+              2 * step / ts**2 if before or after else None, *velocities)
+    scenario = Scenario(
+        (0.0, -99.0), (Eavesdropper((300.0, 0.0)),), (uav,), 5 * ts, 5,
+        geofence=((-400, -200), (400, -200), (400, 0), (-400, 0)),
+        no_fly_zones=tuple(NoFlyZone(((begin, -90), (end, -90), (end, 9), (begin, 9)), name=name)
+                           for name, begin, end in (('low', low - 99, low),
+                                                    ('high', high, high + 99))))
+    path = np.stack([x, 0.0 * x], -1)
+    plan = Plan(scenario, path[None], np.ones((1, 5)))
+    groups, [region] = regions_of(scenario)
+    assert region.contains(region.local(plan.positions[0, 1:-1]), np.arange(5)).all()
+
+
+def test_the_cells_of_detours_cover_all_that_the_discs_allow():
+    rng = np.random.default_rng(0)
+    for region in (region for seed in range(3) for region in regions_of(straight(seed))[1]):
+        around = region.detours
+        high = around.low + detours.SIDE * around.size
+        rectangle = replace(region, detours=None).bounding_box
+        assert (around.low <= rectangle[0]).all() and (rectangle[1] <= high).all()
+        places = rng.uniform(around.low, high, (10**4, 2))
+        offset = places - around.find_centre(np.stack(around.locate(places), -1))
+        assert (np.abs(offset) <= 0.5001 * around.size).all()
+
+
 def courtyard(gap):
     """Return a mission whose transmitter begins between four walls, perhaps with a gap."""
     walls = [((-60, -60), (60, -60), (60, -50), (-60, -50)),
@@ -117,6 +151,51 @@ def test_a_courtyard_is_left_by_its_gap_or_not_at_all():
         if beyond:
             # Around the corner of the wall with the gap.
             assert outer > np.hypot(50, 40) + np.hypot(40, 140) - 40
+
+
+def halve_zones(scenario):
+    """Return a mission of which every zone is cut into pieces that touch."""
+    pieces = []
+    for zone in scenario.no_fly_zones:
+        polygon = shapely.Polygon(zone.vertices)
+        left, low, right, high = polygon.bounds
+        middle = polygon.centroid.x
+        for box in ((left, low, middle, high), (middle, low, right, high)):
+            for piece in shapely.get_parts(polygon.intersection(shapely.box(*box))):
+                pieces.append(replace(zone, vertices=tuple(piece.exterior.coords[:-1]),
+                                      name=f'piece {len(pieces)}'))
+    return replace(scenario, no_fly_zones=tuple(pieces))
+
+
+def narrow_fence():
+    """
+    Return a mission with a fence and a zone whose outlines are difficult.
+
+    The fence is bent and 0.7 m wide, so that the extension of its pocket closes around it. The
+    zone has a convex part that is sharp where the zone is not.
+    """
+    fence = (-100, 100), (0, 0), (100, 100), (99, 100), (0, 1), (-99, 100)
+    zone = (43, -94), (33, -58), (-23, -15), (-66, -120), (-13, -125), (6, -109)
+    return Scenario((0.0, 0.5), (Eavesdropper((300.0, 0.0), 10.0),), (
+        Uav('uav1', (-50.0, 50.5), (50.0, 50.5), 100.0, 20.0),), 60.0, 60, geofence=fence,
+        no_fly_zones=(NoFlyZone(zone),))
+
+
+@pytest.mark.parametrize('scenario', [narrow_fence(), *(
+    halve_zones(random_city_mission(seed)) for seed in range(8))], ids=range(9))
+def test_the_polygon_to_go_around_is_a_little_smaller_than_the_obstacles(scenario):
+    """A plan may fly along the line between two zones that touch, so this line is free."""
+    airspace, fence = Airspace(scenario), shapely.Polygon(scenario.geofence)
+    outside = fence.convex_hull.buffer(10.0).difference(fence)
+    for altitude, parts in DetourSearch(airspace)._parts.items():
+        zones = [shapely.Polygon(vertices) for vertices, name
+                 in scenario.boundaries.keep_out(altitude) if name not in airspace.far]
+        largest, smallest = (
+            shapely.union_all([solid.buffer(-less, join_style='mitre') for solid in solids])
+            for less, solids in ((5e-4, [*zones, outside]),
+                                 (2e-3, [*zones, fence.convex_hull.difference(fence)])))
+        assert shapely.union_all(parts).difference(largest).is_empty
+        assert smallest.difference(shapely.union_all(parts)).is_empty
 
 
 @pytest.mark.parametrize('seed', [63, 6])
@@ -171,6 +250,15 @@ def test_zones_of_too_many_corners_are_listed_as_ignored(monkeypatch):
     bound = upper_bound(scenario, objective='guaranteed')
     assert bound.ignored == ('separation', 'no_fly_zones', 'geofence')
     assert bound.rate > 1.1 * solve(scenario, objective='guaranteed').rate
+
+
+def test_zones_that_are_ignored_at_one_altitude_are_listed_as_ignored(monkeypatch):
+    search = DetourSearch(Airspace(random_city_mission(1)))
+    fewest, most = sorted(
+        shapely.get_num_coordinates(parts).sum() for parts in search._parts.values())
+    monkeypatch.setattr(detours, 'MOST_CORNERS', fewest)
+    assert fewest < most and not search.is_complete
+    assert len({around is None for around in search.detours}) == 2
 
 
 # -- deliberate errors

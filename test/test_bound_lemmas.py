@@ -6,16 +6,19 @@ import math
 from types import SimpleNamespace
 
 import bound_attack
-from bound_attack import certify_plan, lagrangian, largest_excess, slot_groups
+from bound_attack import (
+    certify_plan, lagrangian, largest_excess, random_plans, slot_groups, slot_rates)
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner import Channel, Eavesdropper, Plan, Scenario, solve, Uav
 from secure_uav_planner.bound.proof import certificate
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.reachable_set import Cells, ReachableSet, Team
-from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, margin, SlotGroups
 from secure_uav_planner.bound.proof.terms import Potential, Terms, TOLERANCE
+from secure_uav_planner.mission import OBJECTIVES
+from secure_uav_planner.model.channel import guaranteed_rates, worst_case_rates
 
 NUMBER = st.floats(-40, 40)
 
@@ -289,6 +292,46 @@ def test_a_start_and_a_goal_may_be_missed_by_the_tolerance_of_a_plan(seed):
         assert potential.end_cost() >= exact + size * np.hypot(*miss) / region.unit
 
 
+@given(st.integers(0, 10**6))
+def test_start_and_goal_are_on_the_first_axis_of_a_uavs_frame(seed):
+    rng, scenario = np.random.default_rng(seed), mission(seed, jammers=0)
+    uav = replace(scenario.uavs[0], start=(0.0, 0.0), max_speed=1e3, altitude=10**rng.uniform(
+        -3, 6), goal=tuple(rng.normal(size=2) * 10**rng.uniform(-12, 3)))
+    region = ReachableSet.of(replace(scenario, uavs=(uav,)), 0, SlotGroups.of(6),
+                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    ends = region.unit * region.local(np.array([uav.start, uav.goal]))
+    np.testing.assert_allclose(ends, [[0.0, 0.0], [region.unit * region.distance, 0.0]], atol=1e-8)
+    np.testing.assert_allclose(region.axes @ region.axes.T, np.eye(2), atol=1e-12)
+
+
+@given(st.integers(0, 10**6))
+def test_the_fastest_flight_within_all_tolerances_is_at_the_rim_of_its_reachable_sets(seed):
+    """At no point is a flight that a Plan accepts farther from its start or its goal."""
+    rng, ts, slots, miss, excess = np.random.default_rng(seed), 2.0, 6, 0.99e-6, 0.99e-9
+    step, count, change = 40.0 + miss, np.arange(1, slots + 2), rng.uniform(10.0, 60.0) + miss
+    beyond = [None if rng.random() < 0.4 else rng.choice([0.0, 20.0, 40.0]) for _ in range(2)]
+    there, back = (np.inf if move is None else move + change * number
+                   for move, number in zip(beyond, (count, count[::-1])))
+    moves = np.minimum(np.full(slots + 1, step), np.minimum(there, back))
+    moves[moves.argmax()] -= 3e-5  # A Scenario refuses what only the tolerances make possible.
+    # Along a diagonal a miss in both coordinates counts most.
+    diagonal = rng.choice([-1.0, 1.0], 2)
+    path = (miss + np.append(0.0, np.cumsum(moves)) / np.sqrt(2.0))[:, None] * diagonal
+    velocities = [None if move is None else tuple(move / ts / np.sqrt(2.0) * diagonal)
+                  for move in beyond]
+    uav = Uav('uav1', (0.0, 0.0), tuple(path[-1] + miss * diagonal), 80.0, (step - miss) / ts,
+              1.0, 1.0, (change - miss) / ts**2, *velocities)
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((50.0, 0.0)),), (uav,), slots * ts, slots)
+    plan = Plan(scenario, path[None], np.full((1, slots), 1.0 + excess))
+    region = ReachableSet.of(scenario, 0, SlotGroups.of(slots),
+                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    assert region.contains(region.local(plan.positions[0, 1:-1]), np.arange(slots)).all()
+    for most, flown in ((region.from_start, path), (region.to_goal, path - uav.goal)):
+        assert (most * region.unit <= np.hypot(*flown[1:-1].T) + 5e-5).all()
+    for most, flown in ((region.peak, plan.powers.max()), (region.average, plan.powers.mean())):
+        assert flown <= most <= flown + 1e-10
+
+
 @given(st.integers(0, 10**6), st.integers(1, 5))
 @settings(max_examples=40, deadline=None)
 def test_a_slot_of_a_group_costs_no_less_than_the_mean_of_its_slots_alone(seed, most):
@@ -409,6 +452,33 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
                 centre[:2], group)
             excess = values(function, k, points[:, :2], power) - constant - bound
             assert (excess <= 1e-9 * (1 + abs(constant))).all()
+
+
+@given(st.integers(0, 10**6), st.booleans(), st.sampled_from([0.0, 1.0, 1e9]))
+def test_the_margin_of_a_bound_exceeds_its_rounding_errors(seed, curved, size):
+    rng, region = np.random.default_rng(seed), region_of(seed)
+    terms = random_terms(region, SlotGroups.of(6), rng, curved, False)
+    fields = ('slope', 'curvature', 'acceleration')
+    terms, exact = (replace(terms, potential=replace(terms.potential, **{
+        name: (size * getattr(terms.potential, name)).astype(kind) for name in fields}))
+        for kind in (float, np.longdouble))
+    for k, group in enumerate(terms.cell):
+        for place in places_in(region, group, rng, 5):
+            bound = terms.compiled.bound_box(k, place, np.zeros(2))[1]
+            assert bound + terms.potential.constant()[group] >= values(
+                exact, k, place.astype(np.longdouble)[None], None)[0]
+
+
+@given(st.integers(0, 10**6))
+def test_rounded_coordinates_change_the_logarithm_of_a_gain_by_less_than_the_margin(seed):
+    rng, scenario = np.random.default_rng(seed), mission(seed, jammers=0)
+    low = replace(scenario.uavs[0], altitude=10**rng.uniform(-3, 0))
+    region = ReachableSet.of(replace(scenario, uavs=(low,)), 0, SlotGroups.of(6),
+                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    places = scenario.ground_node + low.altitude * rng.normal(size=(1000, 2))
+    squares = ((places - scenario.ground_node)**2).sum(1) + low.altitude**2
+    error = region.log_squares(region.local(places))[0] - np.log(squares / region.unit**2)
+    assert (np.abs(error) <= margin(region.altitude, 0.0)).all()
 
 
 @pytest.mark.parametrize('curved', [False, True])
@@ -533,6 +603,36 @@ def test_powers_that_count_as_silence_are_not_heard(seed, advantage):
     assert high == math.log(region.peak) and low <= high
     for gain in (region.log_gain, *(region.log_gain + region.log_advantages)):
         assert math.exp(low + gain) / region.altitude**2 <= certificate.FLOOR * (1 + 1e-9)
+
+
+@given(st.integers(0, 10**6), st.booleans(), st.sampled_from(OBJECTIVES),
+       st.sampled_from([Channel(), Channel(rician_k_db=6.0, outage=0.2)]))
+@settings(max_examples=20)
+def test_a_team_hears_what_the_receivers_of_its_mission_hear(seed, colluding, objective, channel):
+    scenario = mission(seed, eavesdroppers=3, colluding=colluding, channel=channel)
+    rng = np.random.default_rng(seed)
+    scenario = replace(scenario, eavesdroppers=tuple(
+        replace(eve, receiver_advantage_db=rng.normal(0, 6)) for eve in scenario.eavesdroppers))
+    plan = random_plans(scenario, rng, 1)[0]
+    team = Team.of(scenario, EavesdropperSubset.of(scenario, objective), (None, None))
+    places = [region.local(path[1:-1]) for region, path in zip(team.regions, plan.positions)]
+    rates = slot_rates(team, places, plan.powers) / np.log(2.0)
+    if objective == 'guaranteed':
+        np.testing.assert_allclose(
+            rates, guaranteed_rates(scenario, plan.positions, plan.powers), atol=1e-9)
+    else:
+        # Only some places of each disc listen, so the rates are no smaller.
+        assert (rates >= worst_case_rates(scenario, plan.positions, plan.powers) - 1e-9).all()
+
+
+@given(st.integers(0, 10**6))
+def test_every_place_that_represents_an_eavesdropper_is_in_its_disc(seed):
+    rng = np.random.default_rng(seed)
+    eve = Eavesdropper(tuple(rng.uniform(-1, 1, 2) * 10**rng.uniform(0, 7)),
+                       10**rng.uniform(-3, 3))
+    places = EavesdropperSubset.of(
+        replace(mission(seed), eavesdroppers=(eve,)), 'worst_case').places
+    assert (np.hypot(*(places - eve.position).T) <= eve.error_radius).all()
 
 
 @pytest.mark.parametrize('most, curved', [(400, False), (400, True), (4, False)])

@@ -103,7 +103,8 @@ def frame_axes(uav: Uav) -> Array:
     """Return the unit axes of a UAV's frame, the first from start towards goal, (2, 2)."""
     offset = np.subtract(uav.goal, uav.start)
     length = float(np.hypot(*offset))
-    along = offset / length if length > 1e-9 * uav.altitude else np.array([1.0, 0.0])
+    # A goal within 1e-9 m of the start, far below a Plan's tolerances, may be in any direction.
+    along = offset / length if length > 1e-9 else np.array([1.0, 0.0])
     return np.array([along, [-along[1], along[0]]])
 
 
