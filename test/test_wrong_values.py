@@ -233,6 +233,9 @@ PLANS = [
     *((PLAN, {'start_ns': start}, 'start_ns', '') for start in (-5, 2**63 - 1, 1.5, True)),
     (PLAN, {'positions': np.zeros((2, 103, 2))}, 'positions', ''),
     (PLAN, {'history': (5,)}, 'history[0]', 'must be'),
+    *((PLAN, {'gaps': gaps}, 'gaps', '') for gaps in (5, [[2, 1]], [[1, 3], [2, 4]])),
+    *((PLAN, {'gaps': [gap]}, 'gaps[0]', '') for gap in (
+        5, [1], [1, 2, 3], ['a', 1], [1, math.nan])),
     *((FARM, {'shares': shares}, 'shares', '')
       for shares in (np.ones((2, 10)), -FARM.shares, FARM.shares[:, 1:])),
     *((PLAN.with_bound, {'bound': bound}, 'bound', 'must be None or a Bound of') for bound in (
