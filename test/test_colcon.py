@@ -7,7 +7,7 @@ import sys
 
 from processes import ROOT
 import pytest
-from ros_client import stopped
+from ros_nodes import stopped
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,8 @@ import sys
 
 from processes import ROOT
 import pytest
-from ros_client import Client, PATIENCE
+from ros_client import Client
+from ros_nodes import PATIENCE
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import PLANNER
 from std_srvs.srv import Trigger

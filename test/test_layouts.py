@@ -8,7 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from processes import ROOT
 import pytest
-from ros_client import Client, node_process, values_of, wait_for, wait_for_line
+from ros_client import Client, values_of
+from ros_nodes import node_process, wait_for, wait_for_line
 from std_msgs.msg import Float64
 
 pytestmark = pytest.mark.slow
