@@ -17,6 +17,7 @@ from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.ros.parameters import Spec
 from strategies import make_crowd
+from test_airspace import around
 from test_margin import make_team
 
 PAPER = Scenario.paper(120.0, slots=10)
@@ -32,12 +33,6 @@ PLAN = fly_hover_fly(PAPER)
 SETPOINT = Setpoint('map', 0, (0.0, 0.0, 0.0), 0.0)
 LINK = partial(reference_snr_db, **{'carrier_hz': 2.4e9, 'bandwidth_hz': 1e6})
 HERE = {'latitude': 47.0, 'longitude': 8.0}
-
-
-def around(point, half=5.0):
-    """Return a square around a point."""
-    x, y = point
-    return ((x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half))
 
 
 def between(start, goal, name):
