@@ -52,7 +52,7 @@ sanitize: $(VENV)/.test
 	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
 		ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=out/sanitize $(BIN)/python -m pytest -n 2 \
 		$(addprefix test/test_, $(addsuffix .py, kernel derivatives limits fuzz_solve bound \
-		bound_lemmas))
+		bound_lemmas certificate))
 
 # Each parser from its seeds; what was found stays in out/fuzz.
 FUZZED := $(notdir $(wildcard test/corpus/*))

@@ -1,7 +1,7 @@
 """A ROS environment of the tests' own, set before anything imports rclpy; what a test needs."""
 
 from contextlib import ExitStack, suppress
-from importlib import import_module
+from importlib import import_module, invalidate_caches
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 import os
@@ -60,6 +60,7 @@ OPTIONAL = {
     'test_page.py': ['plotly', 'selenium'],
     'test_parsers.py': ['pymavlink', 'pyulog'],
     'test_relay.py': message_package.NEEDED,
+    'test_relay_frames.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],
     'test_new_and_check.py': ['plotly'],
     'test_promise.py': ['plotly'],
@@ -127,8 +128,8 @@ def pytest_pycollect_makemodule(module_path, parent):
 def pytest_runtest_makereport():
     """Add to the report of a test that failed what its nodes printed."""
     report = (yield).get_result()
-    client = sys.modules.get('ros_client')
-    if report.failed and client is not None and (text := client.outputs()):
+    nodes = sys.modules.get('ros_nodes')
+    if report.failed and nodes is not None and (text := nodes.outputs()):
         report.sections.append(('Output of the nodes', text))
 
 
@@ -144,8 +145,32 @@ def client():
 def planner():
     """Return a planner of the paper's mission in few slots, for quick solves."""
     pytest.importorskip('rclpy')
-    with import_module('ros_client').node_here('planner', duration=120.0, slots=40) as planner:
+    with import_module('ros_nodes').node_here('planner', duration=120.0, slots=40) as planner:
         yield planner
+
+
+@pytest.fixture(scope='session')
+def package_folder(tmp_path_factory):
+    """Build the message packages of autopilots' stacks; return their folder."""
+    missing = message_package.missing()
+    if missing:
+        pytest.skip(f'message packages cannot be built here without {", ".join(missing)}')
+    folder = tmp_path_factory.mktemp('packages')
+    for name, kinds in message_package.DEFINITIONS.items():
+        message_package.MessagePackage(folder, name, {
+            kind: text.replace(', ', '\n') + '\n' for kind, text in kinds.items()})
+    return str(folder)
+
+
+@pytest.fixture(scope='module')
+def packages(package_folder):
+    """Return what imports a class of the message packages, which new processes find, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(package_folder)
+        patch.setenv('PYTHONPATH', os.pathsep.join(filter(None, [
+            package_folder, os.environ.get('PYTHONPATH')])))
+        invalidate_caches()
+        yield lambda package, kind: getattr(import_module(f'{package}.msg'), kind)
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,7 @@ import time
 
 from processes import environment, ROOT
 import pytest
-from ros_client import node_here, node_process, wait_for, wait_for_line
+from ros_nodes import node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, GroundNode, Plan, Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.ros import messages

@@ -1,17 +1,15 @@
 """The package in a colcon workspace, as `ros2 run` finds it and `colcon test` tests it."""
 
 import os
-from pathlib import Path
 import shutil
 import subprocess
 import sys
 
+from processes import ROOT
 import pytest
-from ros_client import stopped
+from ros_nodes import stopped
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def colcon(*arguments, cwd, **variables):

@@ -1,13 +1,13 @@
 """The parameter files say what the code says."""
 
-from pathlib import Path
 
+from processes import ROOT
 import pytest
 from ros_client import flat
 from secure_uav_planner.ros.parameters import PLANNER, read_specs, REPLAY
 import yaml
 
-CONFIG = Path(__file__).resolve().parents[1] / 'config'
+CONFIG = ROOT / 'config'
 
 
 @pytest.mark.parametrize('node', ['planner', 'replay'])

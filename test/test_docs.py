@@ -16,7 +16,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from docs.tools import reference
 from processes import environment, ROOT
 import pytest
-from ros_client import flat, node_here, values_of, wait_for
+from ros_client import flat, values_of
+from ros_nodes import node_here, wait_for
 import secure_uav_planner
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.planner.node import Planner

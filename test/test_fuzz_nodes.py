@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from ros_client import Client, memory_settles, node_process, output_of, pose_message, wait_for
+from ros_client import Client, pose_message
+from ros_nodes import has_said, memory_settles, node_process, output_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.parameters import PLANNER, read_specs, REPLAY
@@ -26,6 +27,9 @@ from secure_uav_planner.ros.topics import LATCHED, TOPICS
 from std_msgs.msg import Float64, Header, String
 
 UAVS = ('uav1', 'uav2')
+# rclpy knows no value of the type 200, so its own service raises.
+UNKNOWN_TYPE = SetParameters.Request(parameters=[
+    Parameter(name='use_sim_time', value=ParameterValue(type=200))])
 RESTORED = {'duration': 120.0, 'slots': 30, 'frame_id': 'map', 'reference_snr_db': 80.0,
             'pose_timeout': 10.0, 'time_limit': 2.0, 'method': 'joint', 'replan_lead': 2.0}
 NEAR_PLANNER = {
@@ -197,6 +201,9 @@ def fuzz_node(kind, examples, chance, **least):
         target.good()
         fuzz(target, kind.calls, kind.parameters, examples, chance, **least)
         target.check_abnormal(['plan' if kind is Planner else 'start'])
+        for _ in range(3):
+            client.ask(f'{target.node}/set_parameters', SetParameters, UNKNOWN_TYPE)
+            target.change([parameter('use_sim_time', False)])
         target.finish()
         target.check_alive()
     assert process.returncode == 0, output_of(process)[-3000:]
@@ -223,22 +230,6 @@ def test_thousands_of_messages_to_the_replay_node():
     fuzz_node(Replay, 60, Random(), **{'messages': 2000, 'setpoints': 1, 'start done': 1})
 
 
-@pytest.mark.parametrize('node, name, value', [('planner', 'frame_id', 'map'),
-                                               ('replay', 'speed', 1.0)])
-def test_a_malformed_request_to_the_parameter_services_does_not_end_the_node(node, name, value):
-    """No value of the type 200 is known to rclpy, whose own service raises."""
-    with Client() as client, node_process(node) as process:
-        request = SetParameters.Request(parameters=[
-            Parameter(name=name, value=ParameterValue(type=200))])
-        for _ in range(3):
-            client.ask(f'{node}/set_parameters', SetParameters, request)
-        target = Target(client, node, process, {})
-        for _ in range(3):
-            target.change([parameter(name, value)])
-            time.sleep(0.3)
-        assert target.counts['parameters set'] == 3
-
-
 def test_endless_new_frames_neither_flood_the_log_nor_fill_the_memory():
     with Client() as client, node_process('planner') as process:
         publisher = client.publisher(PoseStamped, 'ground_node/pose')
@@ -253,5 +244,5 @@ def test_endless_new_frames_neither_flood_the_log_nor_fill_the_memory():
 
         memory_settles(process, send_frames)
         client.send_pose('ground_node/pose', 0, 0)
-        assert sum('not used' in line for line in process.lines) <= 10
+        assert not has_said(process, 'not used', 11)
         assert max(map(len, process.lines)) < 500

@@ -5,7 +5,8 @@ from dataclasses import replace
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-from ros_client import node_here, PATIENCE, stamp_at, wait_for
+from ros_client import stamp_at
+from ros_nodes import node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import GroundNode, Plan, solve
 from secure_uav_planner.model.channel import secrecy_node_rates
 from secure_uav_planner.plan.playback import Playback
@@ -101,9 +102,13 @@ def test_the_rate_of_a_moment_counts_the_shares_of_its_slot_and_where_nodes_are(
         None, 'cart', 1.5, track=((0.0, *cart_at(1000.0)), (121.0, *cart_at(1121.0))))))
     for scenario in (plan.scenario, moving):
         flown, place = replace(plan, scenario=scenario), (204.0, 3.0)
+        playback, times = Playback(flown), flown.times[1:-1]
         rates = np.maximum(secrecy_node_rates(scenario, flown.positions, flown.powers, place), 0)
-        assert [Playback(flown).secrecy_rate(time, place)
-                for time in flown.times[1:-1]] == pytest.approx((plan.shares * rates).sum(axis=0))
+        assert [playback.secrecy_rate(time, place) for time in times] == pytest.approx(
+            (plan.shares * rates).sum(axis=0))
+        # Nobody hears as little as somebody very far away.
+        assert playback.secrecy_rates(times + 1.0) == pytest.approx(
+            playback.secrecy_rates(times + 1.0, (9e6, 0.0)), abs=1e-5)
 
 
 def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, plan, tmp_path):
@@ -111,8 +116,7 @@ def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, pla
     plan.save(file)
     schedules = client.listen(Float64MultiArray, 'planner/schedule', LATCHED)
     with node_here('planner', plan_file=file) as planner:
-        wait_for(lambda: any('is not a plan for uav1, uav2, ground_node' in line
-                             for line in planner.lines))
+        wait_for_line(planner, 'is not a plan for uav1, uav2, ground_node')
     with node_here('planner', plan_file=file, ground_nodes="['barn', 'cart']"):
         wait_for(lambda: schedules)
     assert not np.any(np.reshape(schedules[0].data, plan.shares.shape) - plan.shares)

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import oracle
+from processes import ROOT
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, Scenario
@@ -29,7 +30,6 @@ from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import generate_starts, make_strictly_feasible
 from strategies import make_crowd, scenarios, with_uavs
 
-ROOT = Path(__file__).resolve().parents[1]
 COARSE_MU = 1e-3
 
 

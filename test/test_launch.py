@@ -3,19 +3,19 @@
 import ast
 from importlib.util import find_spec
 import os
-from pathlib import Path
 import shutil
 import signal
 import subprocess
 import sys
 
+from processes import ROOT
 import pytest
-from ros_client import Client, PATIENCE
+from ros_client import Client
+from ros_nodes import PATIENCE
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import PLANNER
 from std_srvs.srv import Trigger
 
-ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / 'launch' / 'secure_uav_planner.launch.py'
 TREE = ast.parse(FILE.read_text())
 

@@ -2,10 +2,11 @@
 
 import ast
 from graphlib import TopologicalSorter
-from pathlib import Path
 import re
 
-PACKAGE = Path(__file__).resolve().parents[1] / 'secure_uav_planner'
+from processes import ROOT
+
+PACKAGE = ROOT / 'secure_uav_planner'
 TABLE = PACKAGE.parent / 'docs' / 'contributing.md'
 MOST_ROOMS = 12
 BELOW = ['mission/scenario.py imports output/picture.py']  # By Scenario.plot.

@@ -1,19 +1,20 @@
 """The layouts for PlotJuggler and Foxglove show what the nodes publish, under the names there."""
 
 import json
-from pathlib import Path
 import re
 from xml.etree import ElementTree
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from processes import ROOT
 import pytest
-from ros_client import Client, node_process, values_of, wait_for, wait_for_line
+from ros_client import Client, values_of
+from ros_nodes import node_process, wait_for, wait_for_line
 from std_msgs.msg import Float64
 
 pytestmark = pytest.mark.slow
 
-CONFIG = Path(__file__).resolve().parents[1] / 'config'
+CONFIG = ROOT / 'config'
 STREAMS = {'/diagnostics': DiagnosticArray, '/replay/secrecy_rate': Float64,
            **{f'/uav{number}/setpoint/pose': PoseStamped for number in (1, 2)},
            **{f'/uav{number}/setpoint/power': Float64 for number in (1, 2)}}

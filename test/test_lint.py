@@ -1,12 +1,11 @@
 """The style of ROS 2 Python packages; run on the source tree, not on what is installed."""
 
-from pathlib import Path
 
 from ament_flake8.main import main_with_errors
 from ament_pep257.main import main
+from processes import ROOT
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
 SOURCES = [str(ROOT / name) for name in (
     'benchmarks', 'docs', 'examples', 'launch', 'secure_uav_planner', 'setup.py', 'studies',
     'test')]

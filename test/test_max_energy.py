@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from ros_client import node_here, wait_for
+from ros_nodes import node_here, wait_for
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Propulsion, Scenario, shortest_duration, solve,
     Uav, upper_bound)

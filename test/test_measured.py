@@ -1,10 +1,10 @@
 """The measured numbers of the pages are those that a run gives today."""
 
-from pathlib import Path
 import re
 
 from benchmarks import __main__ as bench
 from docs.tools import gallery, measured
+from processes import ROOT
 import pytest
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.mission.formats.mission_file import EXAMPLE
@@ -12,7 +12,6 @@ from studies import paper as study
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).resolve().parents[1]
 RATE = re.compile(r'-?\d+\.\d{4}\b(?! s\b)')  # In bit/s/Hz; times depend on the machine.
 
 

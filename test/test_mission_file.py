@@ -3,10 +3,10 @@
 from dataclasses import fields, replace
 import json
 import math
-from pathlib import Path
 import pickle
 import re
 
+from processes import ROOT
 import pytest
 from secure_uav_planner import (
     Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Plan, Propulsion,
@@ -18,7 +18,6 @@ from secure_uav_planner.mission.formats.documents import MOST_BYTES
 from secure_uav_planner.output.tables import save_csv
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
 ZONE = NoFlyZone(((150.0, 0.0), (160.0, 0.0), (150.0, 10.0)), 5.0, 120.0, 'tower')
 RICH = Scenario(
     ground_nodes=(

@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 from conftest import OPTIONAL
 from environments import OUTSIDE
 from packaging.requirements import Requirement
+from processes import ROOT
 import pytest
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 
 # The keys of rosdep for modules that are not called by it.

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import numpy as np
+from processes import ROOT
 import pytest
 from secure_uav_planner import Bound, Channel, Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.output.page import draw_page, save_page
@@ -38,7 +39,7 @@ BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
 
 SIZES = (360, 740), (1024, 768), (1920, 1080)
 # In free space, for which bounds are proven.
-CITY = replace(Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml'),
+CITY = replace(Scenario.load(ROOT / 'config' / 'city.yaml'),
                channel=Channel())
 
 # The boxes of texts that a reader needs, by their classes.

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 from hypothesis import given, settings
 from matplotlib.figure import Figure
@@ -10,6 +9,7 @@ from matplotlib.image import imread
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 import numpy as np
+from processes import ROOT
 import pytest
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Plan, Scenario, solve)
@@ -23,7 +23,7 @@ from secure_uav_planner.output.picture import draw_plan, save_picture
 import shapely
 from strategies import random_powers, scenarios, with_uavs
 
-CITY = Path(__file__).parents[1] / 'config' / 'city.yaml'
+CITY = ROOT / 'config' / 'city.yaml'
 
 
 PAPER = Scenario.paper(120.0, slots=24)

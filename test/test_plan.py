@@ -360,10 +360,3 @@ def test_a_plan_without_a_promised_slot_has_no_mean_rate(plan, tmp_path):
     plan.save(tmp_path / 'plan.json')
     assert json.loads((tmp_path / 'plan.json').read_text())['worst_case_rate'] is None
     assert Plan.load(tmp_path / 'plan.json') == plan
-
-
-@pytest.mark.parametrize('gaps', [5, [5], [[1]], [[1, 2, 3]], [['a', 1]], [[2, 1]],
-                                  [[1, 3], [2, 4]], [[1, math.nan]]])
-def test_gaps_that_are_not_intervals_of_increasing_times_are_refused(plan, gaps):
-    with pytest.raises(PlanError, match='gaps'):
-        replace(plan, gaps=gaps)

@@ -46,20 +46,30 @@ def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(dura
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
 
-def requested_uav(message, now, plan=None, **changes):
-    """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
-    settings, book = settings_with(**{'start_delay': 30.0, **changes}), PoseBook()
+def take_poses(book, message, now):
+    """Give a book the paper's poses and odometry of the first UAV at a time in s."""
     for topic, sent in (
             ('ground_node/pose', pose_message(PoseStamped, 0, 0)), ('uav1/odom', message),
             ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0))):
         book.take(topic, sent, SETTINGS, now)
+
+
+def request(tracking, book, settings, now):
+    """Return the request of a new plan at a time in s."""
+    flight = tracking.flight(now)
+    start = StartTime.from_settings(settings, round(now * 1e9), flight)
+    return make_request(settings, book, start, tracking.states(flight, settings, now), flight)
+
+
+def requested_uav(message, now, plan=None, **changes):
+    """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
+    settings, book = settings_with(**{'start_delay': 30.0, **changes}), PoseBook()
+    take_poses(book, message, now)
     tracking = PlanTracking(book)
     if plan is not None:
         tracking.add_plan(plan, now)
         report(tracking, plan, *((clock, clock - 1000.0) for clock in (now - 0.1, now)))
-    flight, start = tracking.flight(now), StartTime.from_settings(settings, round(now * 1e9), None)
-    return make_request(settings, book, start, tracking.states(flight, settings, now),
-                        flight).scenario.uavs[0]
+    return request(tracking, book, settings, now).scenario.uavs[0]
 
 
 @given(st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)))
@@ -88,33 +98,22 @@ def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_p
 def test_a_new_plan_is_refused_in_flight_while_a_uav_is_held_off_the_plan(
         two_plans, distance, is_refused):
     """Before, the new plan began on the plan in flight, where the UAV was not."""
-    plan, settings = two_plans[0], settings_with(start_delay=30.0)
-    book = PoseBook()
+    plan, settings, book = two_plans[0], settings_with(start_delay=30.0), PoseBook()
     tracking = tracking_of(plan, book=book)
     place = Playback(plan).at(20.0).positions[0] + (distance, 0.0)
     for clock in np.arange(1017.0, 1020.1, 0.1):
         report(tracking, plan, (clock, clock - 1000.0))
-        for topic, sent in (
-                ('ground_node/pose', pose_message(PoseStamped, 0, 0)),
-                ('eavesdropper/pose', pose_message(PoseWithCovarianceStamped, 200, 0)),
-                ('uav1/odom', odometry(*place, stamp=clock))):
-            book.take(topic, sent, SETTINGS, clock)
+        take_poses(book, odometry(*place, stamp=clock), clock)
         tracking.observe(settings, clock)
-
-    def request():
-        flight = tracking.flight(clock)
-        start = StartTime.from_settings(settings, round(clock * 1e9), flight)
-        return make_request(
-            settings, book, start, tracking.states(flight, settings, clock), flight)
-
     if not is_refused:
-        assert request().flight.state == 'flying'
+        assert request(tracking, book, settings, clock).flight.state == 'flying'
         return
     with pytest.raises(InfeasibleMissionError, match='uav1 is held 40.. m from the plan in '):
-        request()
+        request(tracking, book, settings, clock)
     clock += 0.1
     report(tracking, plan, (clock, Playback(plan).begin))  # Reset.
-    assert request().scenario.uavs[0].start == pytest.approx(place)
+    uav, _ = request(tracking, book, settings, clock).scenario.uavs
+    assert uav.start == pytest.approx(place)
 
 
 def test_a_plan_with_a_delay_starts_that_long_after_its_request_however_long_it_takes():
@@ -148,7 +147,7 @@ def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
 
 def tracking_of(*plans, now=1000.0, book=None):
     """Return a PlanTracking, by a PoseBook, of plans that are published at a time in s."""
-    tracking = PlanTracking(book or PoseBook())
+    tracking = PlanTracking(PoseBook() if book is None else book)
     for plan in plans:
         tracking.add_plan(plan, now)
     return tracking
@@ -172,8 +171,7 @@ def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_t
         two_plans):
     plan, _ = two_plans
     book, playback = PoseBook(), Playback(plan)
-    tracking = PlanTracking(book)
-    tracking.add_plan(plan, 1000.0)
+    tracking = tracking_of(plan, book=book)
     assert tracking.status(SETTINGS, 1001.0) == ([], TrackStatus())  # Nobody flies.
     for clock, offset, text in ((1020.0, (0.3, 0.4), None), (1020.2, (0.3, 0.4), None),
                                 (1020.4, (30.0, 40.0), 'uav1 is 50.0 m from its plan, beyond')):
@@ -278,8 +276,7 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
     """Also where the clock has just come to the time of the plan at which the flight stands."""
     plan, _ = two_plans
     book = PoseBook()
-    tracking = PlanTracking(book)
-    tracking.add_plan(plan, 1000.0)
+    tracking = tracking_of(plan, book=book)
     report(tracking, plan, (1009.0, 18.0), (1010.0, 20.0))  # At double speed.
     place = Playback(plan).at(19.0).positions[0].tolist()
     book.take('uav1/odom', odometry(*place, stamp=1009.5), SETTINGS, 1009.5)
@@ -294,8 +291,8 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
 def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(two_plans, silence):
     """Before, 5 s of silence made a UAV on its plan seem 30 m off it, also after a replan."""
     first, second = two_plans
-    tracking, book = tracking_of(first), PoseBook()
-    tracking._poses = book
+    book = PoseBook()
+    tracking = tracking_of(first, book=book)
 
     def fly(plan, begin, end):
         report(tracking, plan, *((1000.0 + time, time) for time in np.arange(begin, end, 0.05)))

@@ -11,7 +11,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_client import Client, node_here, node_process, seconds, wait_for
+from ros_client import Client, seconds
+from ros_nodes import has_said, node_here, node_process, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.ros.planner_status import PlannerStatus
@@ -189,7 +190,7 @@ def test_a_plan_shows_zone_and_fence_and_tells_how_close_it_comes(shared):
             assert not answer.success and answer.message.endswith('; the last plan stands')
             assert reason in answer.message
     assert shared.call('planner/plan').success
-    assert not any('there is no parameter' in line for line in shared.process.lines)
+    assert not has_said(shared.process, 'there is no parameter')
 
 
 # The solver

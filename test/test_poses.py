@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from ros_client import (
-    odometry_message, pose_message, SETTINGS, settings_with, stamp_at, wait_for)
+from ros_client import numbers, odometry_message, pose_message, SETTINGS, settings_with, stamp_at
+from ros_nodes import has_said, wait_for
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.mission.fields import RADIUS
@@ -330,10 +330,6 @@ def random_message(kind, rng, frame_id='odom'):
     return message, place, facing, samples
 
 
-def numbers(message, names='xyz'):
-    return np.array([getattr(message, name) for name in names])
-
-
 @pytest.mark.parametrize('kind', [PoseStamped, PoseWithCovarianceStamped, Odometry])
 @given(seed=SEEDS)
 def test_a_transform_turns_and_shifts_a_pose_and_turns_its_covariance(kind, seed):
@@ -423,7 +419,7 @@ def test_with_tf2_a_pose_of_another_frame_is_planned_from(client, planner):
     path = client.listen(Path, 'uav1/path')
     client.send_paper()
     wait_for(lambda: client.send_pose('uav1/pose', 450.0, 40.0, frame_id='odom', until_known=False)
-             or any('or tf2 must know how to transform it' in line for line in planner.lines))
+             or has_said(planner, 'or tf2 must know how to transform it'))
     client.publisher(TFMessage, '/tf_static', LATCHED).publish(TFMessage(transforms=[transform]))
 
     def planned_from_it():

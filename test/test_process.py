@@ -8,7 +8,8 @@ import sys
 import time
 
 import pytest
-from ros_client import Client, node_process, output_of, PATIENCE, stopped, wait_for
+from ros_client import Client
+from ros_nodes import node_process, output_of, PATIENCE, stopped, wait_for
 from secure_uav_planner.ros.topics import serve
 from service_msgs.msg import ServiceEventInfo
 from std_srvs.srv import Trigger

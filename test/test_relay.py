@@ -1,99 +1,27 @@
-"""The relay node in a process of its own, with real messages of the stacks over DDS."""
+"""The relay node, with real messages of the stacks over DDS."""
 
 from contextlib import ExitStack
 from dataclasses import replace
-from importlib import import_module, invalidate_caches
 import math
 import os
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fuzzing import Target
-from geometry_msgs.msg import PoseStamped
-import message_package
 from nav_msgs.msg import Odometry, Path
-import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_client import (
-    node_here, node_process, pose_message, refusal, values_of, wait_for, wait_for_line)
-from secure_uav_planner import fly_hover_fly, Origin, Scenario
+from relay_client import Autopilot, listen_to_mavros, MISSION, rests, Source
+from ros_client import numbers, pose_message, values_of
+from ros_nodes import has_said, node_here, node_process, refusal, wait_for, wait_for_line
 from secure_uav_planner.output.autopilots import STACKS, TRIED_VERSIONS
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.relay.node import Relay
-from secure_uav_planner.ros.topics import LATCHED, TOPICS
-from simulation import follow
+from secure_uav_planner.ros.topics import TOPICS
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
-from strategies import with_uavs
 from test_messages import sent
 from test_security import allowed, lone_node, QUERIES
-from trajectory_msgs.msg import MultiDOFJointTrajectory
-
-
-@pytest.fixture(scope='module')
-def packages(tmp_path_factory):
-    """Build the message packages; return what imports a class of theirs."""
-    missing = message_package.missing()
-    if missing:
-        pytest.skip(f'message packages cannot be built here without {", ".join(missing)}')
-    folder = tmp_path_factory.mktemp('packages')
-    for name, kinds in message_package.DEFINITIONS.items():
-        message_package.MessagePackage(folder, name, {
-            kind: text.replace(', ', '\n') + '\n' for kind, text in kinds.items()})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(folder))
-        patch.setenv('PYTHONPATH', os.pathsep.join(filter(None, [
-            str(folder), os.environ.get('PYTHONPATH')])))
-        invalidate_caches()
-        yield lambda package, kind: getattr(import_module(f'{package}.msg'), kind)
-
-
-class Source:
-    """A program that streams the setpoints of a UAV, like the replay."""
-
-    def __init__(self, client, uav, velocity=(3.0, 4.0), acceleration=(0.5, -0.25)):
-        self._clock = client.node.get_clock()
-        self.message = messages.trajectory_setpoint(
-            uav, 'map', self._clock.now().to_msg(),
-            ((10.0, 20.0, 30.0), 0.3, velocity, acceleration))
-        self.place = self.message.points[0].transforms[0].translation
-        self._publisher = client.publisher(
-            MultiDOFJointTrajectory, f'{uav}/setpoint/trajectory', 10)
-        self.stamps = []
-
-    def send(self):
-        """Send the setpoint of now."""
-        self.message.header.stamp = self._clock.now().to_msg()
-        self.stamps.append(self.message.header.stamp)
-        self._publisher.publish(self.message)
-        time.sleep(0.02)
-
-    def until(self, condition):
-        """Send until a condition holds."""
-        return wait_for(lambda: self.send() or condition())
-
-
-def rests(received, send=lambda: time.sleep(0.02)):
-    """Return whether no message comes for a second, in which others are sent."""
-    count, until = len(received), time.monotonic() + 1.0
-    while time.monotonic() < until:
-        send()
-    return len(received) == count
-
-
-def listen_to_mavros(packages, client, uav='uav1'):
-    return client.listen(packages('mavros_msgs', 'PositionTarget'),
-                         f'{uav}/mavros/setpoint_raw/local', 1000)
-
-
-def has_said(process, text, count=1):
-    """Return whether a node has logged lines with a text, so many at least."""
-    return sum(text in line for line in process.lines) >= count
-
-
-def numbers(message, names='xyz'):
-    return [getattr(message, name) for name in names]
 
 
 @pytest.mark.parametrize('stack', STACKS)
@@ -347,34 +275,6 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
             'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].text))
 
 
-class Autopilot:
-    """A vehicle that follows the setpoints of MAVROS, and stays where it is without them."""
-
-    step = 0.05
-
-    def __init__(self, packages, client, name, place):
-        self.place, self.velocity, self._target = np.array(place), np.zeros(2), None
-        client.node.create_subscription(
-            packages('mavros_msgs', 'PositionTarget'), f'{name}/mavros/setpoint_raw/local',
-            lambda message: setattr(self, '_target', (time.monotonic(), message)), 10)
-        self._publisher = client.node.create_publisher(
-            Odometry, f'{name}/mavros/local_position/odom', 10)
-        self._now = client.now
-        client.node.create_timer(self.step, self._fly)
-
-    def _fly(self):
-        """Follow the last setpoint, or brake without a fresh one, and report."""
-        target, velocity = self.place, (0.0, 0.0)
-        if self._target is not None and time.monotonic() - self._target[0] < 1.0:
-            target, velocity = (numbers(part, 'xy') for part in (
-                self._target[1].position, self._target[1].velocity))
-        self.place, self.velocity = follow(
-            self.place, self.velocity, target, velocity, 4.0, self.step, most_speed=12.0)
-        message = pose_message(Odometry, *self.place, 100.0, stamp=self._now())
-        message.twist.twist.linear.x, message.twist.twist.linear.y = self.velocity.tolist()
-        self._publisher.publish(message)
-
-
 class Held:
     """Two vehicles that fly a plan through a relay, and what is told of them."""
 
@@ -434,21 +334,6 @@ def test_vehicles_that_lost_their_relay_come_back_through_the_next_one(packages,
         wait_for(held.is_flown, what='both on their plan')
 
 
-@pytest.mark.parametrize('stack, kind, topic', [
-    ('px4', 'VehicleLocalPosition', 'fmu/out/vehicle_local_position_v1'),
-    ('mavros', 'GeoPointStamped', 'mavros/global_position/gp_origin')])
-def test_a_reference_that_was_published_once_before_the_relay_had_started_is_used(
-        packages, client, stack, kind, topic):
-    kind = packages({'px4': 'px4_msgs', 'mavros': 'geographic_msgs'}[stack], kind)
-    reference = reference_at(kind, 25.0) if stack == 'px4' else kind()
-    if stack == 'mavros':
-        reference.position.latitude, reference.position.longitude = map(
-            float, ZURICH.to_geographic(25.0, 0.0))
-    client.node.create_publisher(kind, f'uav1/{topic}', LATCHED).publish(reference)
-    with node_here('relay', stack=stack, uav1__reference=stack, **MISSION) as process:
-        wait_for_line(process, 'the local frame of uav1 begins at (25.00, 0.00) m')
-
-
 def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(packages, client):
     topics = {topic.replace('<uav>', 'uav1'): kind.kind
               for topic, kind in TOPICS['relay', 'sub'].items()}
@@ -456,148 +341,6 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(pac
     with node_here('relay', stack='mavros') as process:
         Target(client, 'relay', process, topics).check_abnormal(
             ['enable', SetBool, SetBool.Request(data=True)])
-
-
-ZURICH = Origin(47.3977, 8.5456)
-MISSION = {'origin.projection': 'px4', 'origin.latitude': ZURICH.latitude,
-           'origin.longitude': ZURICH.longitude}
-
-
-def reference_at(kind, east, resets=0, is_valid=True):
-    """Return the report of a px4 whose frame begins some m east of the mission's origin."""
-    latitude, longitude = map(float, ZURICH.to_geographic(east, 0.0))
-    return kind(xy_valid=True, xy_global=is_valid, ref_lat=latitude, ref_lon=longitude,
-                xy_reset_counter=resets, ref_timestamp=1000 + resets)
-
-
-def local_place(reference, place):
-    """Return where a vehicle with a reference takes a place of the mission, (x, y), to be."""
-    frame = Origin(reference.ref_lat, reference.ref_lon)
-    return [float(value) for value in frame.to_local(*ZURICH.to_geographic(*place))]
-
-
-def test_two_vehicles_with_references_400_m_apart_fly_one_plan_through_a_pause_to_the_goal(
-        packages, client, tmp_path):
-    scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
-    fly_hover_fly(replace(scenario, duration=20.0)).save(tmp_path / 'plan.json')
-    reference, setpoint = (packages('px4_msgs', kind) for kind in (
-        'VehicleLocalPosition', 'TrajectorySetpoint'))
-    streams = {name: client.listen(setpoint, f'{name}/fmu/in/trajectory_setpoint', 1000)
-               for name in ('uav1', 'uav2')}
-    sources = {name: client.listen(PoseStamped, f'{name}/setpoint/pose', 1000)
-               for name in streams}
-    references = {'uav1': reference_at(reference, 0.0), 'uav2': reference_at(reference, 400.0)}
-    with node_here('relay', start_tolerance=0.0, stack='px4', setpoint_timeout=60.0,
-                   uav1__reference='px4', uav2__reference='px4', **MISSION) as relay, \
-            node_here('replay', plan_file=tmp_path / 'plan.json') as replay:
-        for name, message in references.items():
-            publisher = client.publisher(reference, f'{name}/fmu/out/vehicle_local_position')
-            wait_for(lambda: publisher.publish(message) or any(
-                f'the local frame of {name} begins at' in line for line in relay.lines))
-        # However slow this machine is, the stream does not end in between.
-        assert client.call('replay/start').success
-        wait_for(lambda: any(target.velocity[0] < -5.0 for target in streams['uav1']))
-        assert client.call('replay/pause').success
-        wait_for(lambda: streams['uav1'][-1].velocity[0] == 0.0)
-        assert client.call('replay/start').success
-        wait_for_line(replay, 'end of the plan')
-        for name, message in references.items():
-            def arrived():
-                return streams[name][-1].position[:2].tolist() == pytest.approx(
-                    local_place(message, (100.0, 460.0))[::-1], abs=1e-3)
-            wait_for(arrived)
-            places = [local_place(message, numbers(pose.pose.position, 'xy'))
-                      for pose in sources[name]]
-            for target in streams[name]:  # Each is a setpoint of the replay in its own frame.
-                north, east, _ = target.position.tolist()
-                assert min(math.dist(place, (east, north)) for place in places) < 1e-3
-    assert not any('is not relayed' in line for line in relay.lines)
-
-
-def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_to_be(
-        packages, client):
-    reference = packages('px4_msgs', 'VehicleLocalPosition')
-    targets = listen_to_mavros(packages, client)
-    statuses = client.listen(DiagnosticArray, '/diagnostics', 10)
-    with node_here('relay', stack='mavros', setpoint_timeout=60.0, uav1__reference='px4',
-                   **MISSION) as process:
-        source = Source(client, 'uav1')
-        publishers = [client.publisher(kind, f'uav1/{topic}') for kind, topic in (
-            (reference, 'fmu/out/vehicle_local_position'),
-            (Odometry, 'mavros/local_position/odom'))]
-
-        def until(report, place, condition):
-            """Report a reference, and a place in it unless it is None, until a condition holds."""
-            def holds():
-                publishers[0].publish(report)
-                if place is not None:
-                    publishers[1].publish(
-                        pose_message(Odometry, *local_place(report, place), 30.0))
-                return condition()
-            source.until(holds)
-
-        first, moved = (reference_at(reference, *of) for of in ((0.0,), (30.0, 1)))
-        until(reference_at(reference, 0.0, is_valid=False), None, lambda: has_said(
-            process, 'the local frame of uav1 is not known: xy_valid is True and xy_global is'))
-        assert not targets
-        until(first, (11.0, 20.0), lambda: targets and targets[-1].velocity.x == 3.0)
-        # It is lost: the place is held.
-        until(reference_at(reference, 0.0, is_valid=False), (11.0, 20.0),
-              lambda: targets[-1].velocity.x == 0.0)
-        held = len(targets)
-        until(moved, None, lambda: has_said(
-            process, 'the local frame of uav1 has moved by 30.00 m'))
-        until(moved, None, lambda: has_said(process, 'the position of the vehicle is not known'))
-        until(moved, None, lambda: targets[-1].position.x < -10.0)
-        assert not any(target.velocity.x for target in targets[held:])
-        wait_for(lambda: any(
-            status.level == DiagnosticStatus.WARN and 'has moved by 30.00 m' in status.message
-            for message in statuses for status in message.status))
-        until(moved, (31.0, 20.0), lambda: has_said(process, 'it is 21.0 m from the vehicle'))
-        until(moved, (11.0, 20.0), lambda: targets[-1].velocity.x == 3.0)
-        until(moved, (11.0, 20.0), lambda: any(
-            status.level == DiagnosticStatus.OK for status in statuses[-1].status))
-        # All are the same place on Earth.
-        places = [local_place(report, (10.0, 20.0)) for report in (first, moved)]
-        assert all(min(math.dist(place, numbers(target.position, 'xy')) for place in places) < 1e-6
-                   for target in targets)
-
-
-def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(packages, client):
-    kind = packages('geographic_msgs', 'GeoPointStamped')
-    with node_here('planner', duration=150.0, slots=30, uav1__reference='mavros', **MISSION):
-        origin, paths = kind(), client.listen(Path, 'uav1/path')
-        publisher = client.publisher(kind, 'uav1/mavros/global_position/gp_origin')
-
-        def until_said(text, *values):
-            origin.position.latitude, origin.position.longitude, origin.position.altitude = values
-
-            def is_said():
-                publisher.publish(origin)
-                time.sleep(0.1)
-                status = client.statuses[-1]
-                return text in status.text and status.level == DiagnosticStatus.WARN
-            wait_for(is_said, what=text)
-
-        until_said('the local frame of uav1 is not known: its position is earth-centred (ECEF)',
-                   4278990.0, 642970.0, 4670820.0)
-        until_said('a place is ', 8.5456, 47.3977, 400.0)
-        latitude, longitude = map(float, ZURICH.to_geographic(-10.0, 0.0))
-        client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
-
-        def is_known():
-            origin.position.latitude, origin.position.longitude = latitude, longitude
-            publisher.publish(origin)
-            client.send_pose('uav1/pose', 100.0, 490.0, until_known=False)
-            return client.status.has_pose('uav1/pose')
-        wait_for(is_known)
-        client.send_pose('uav1/pose', 100.0, 490.0)
-        client.plan_paper()
-        wait_for(lambda: paths)
-        assert numbers(paths[-1].poses[0].pose.position, 'xy') == pytest.approx(
-            [90.0, 490.0], abs=0.1)
-        until_said('the local frame of uav1 has moved by 5.00 m',
-                   latitude, float(ZURICH.to_geographic(-5.0, 0.0)[1]), 400.0)
 
 
 def test_the_policy_allows_what_the_relay_uses_and_nothing_else(packages):

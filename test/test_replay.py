@@ -13,7 +13,7 @@ import pytest
 from rclpy.clock import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from ros_client import node_here, PATIENCE, wait_for, wait_for_line
+from ros_nodes import has_said, node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.plan.file import parse_text
 from secure_uav_planner.plan.player import Player
@@ -44,10 +44,6 @@ def poses(client):
             for name in ('uav1', 'uav2')][0]
 
 
-def end_of(process):
-    return next((line for line in process.lines if 'end of the plan' in line), None)
-
-
 def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logged(
         client, poses, plan, file):
     watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
@@ -58,7 +54,7 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
         assert not client.set_parameters('replay', true_eavesdropper=[1.0])[0].successful
         assert not client.set_parameters('replay', frame_id='odom')[0].successful
         assert client.call('replay/start').success
-        line = wait_for(lambda: end_of(process), what='the end of the plan')
+        line = wait_for_line(process, 'end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
         wait_for(lambda: odometry and len(rates) > 10)
         assert 'has ended, and no newer one has come' in client.call('replay/start').message
@@ -94,7 +90,7 @@ def send(client, plan, start_ns, frame_id='earth'):
 def test_it_loops_and_starts_by_itself_when_asked(poses, file):
     with node_here('replay', plan_file=file, speed=2000.0, loop='true',
                    autostart='true') as process:
-        wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
+        wait_for(lambda: has_said(process, 'end of the plan', 3))
 
 
 def begins_at(seconds):
@@ -136,9 +132,9 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
         for seconds in (0, 1):
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
                  'elsewhere')
-            wait_for(lambda: sum(
-                "it is in frame 'elsewhere' and the setpoints are in 'earth'" in line
-                for line in process.lines) > seconds)
+            wait_for(lambda: has_said(
+                process, "it is in frame 'elsewhere' and the setpoints are in 'earth'",
+                seconds + 1))
         count = len(poses)
         wait_for(lambda: len(poses) > count + 3)
         assert {pose.header.frame_id for pose in poses} == {'earth'}
@@ -296,7 +292,7 @@ def test_a_message_that_is_no_plan_is_told_once_and_leaves_the_last_plan(client,
         wait_for(lambda: got(process) == 1)
         assert sum('not JSON' in line for line in process.lines) == 1, process.lines
         publisher.publish(String(data='{'))
-        wait_for(lambda: sum('not JSON' in line for line in process.lines) == 2)
+        wait_for(lambda: has_said(process, 'not JSON', 2))
         assert client.call('replay/start').success
 
 
@@ -307,7 +303,7 @@ def test_a_slot_that_is_not_promised_is_told_and_muted_if_that_is_asked_for(
             promise_speed=20.0).save(file)
     with node_here('replay', plan_file=file, speed=20.0, rate=50.0, autostart='true',
                    mute_unpromised='true') as process:
-        wait_for(lambda: end_of(process), what='the end of the plan')
+        wait_for_line(process, 'end of the plan')
         line = next(line for line in process.lines if 'is not promised; ' in line)
     assert 'no power is sent' in line
     flown = np.array([watt.data for watt in watts])

@@ -6,7 +6,7 @@ import time
 
 from nav_msgs.msg import Path
 import pytest
-from ros_client import node_here, node_process, wait_for, wait_for_line
+from ros_nodes import has_said, node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
@@ -28,8 +28,8 @@ def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, c
         paths = client.listen(Path, 'uav2/path')
         wait_for(lambda: paths and client.statuses, what='the restored plan')
         assert client.status.plan.status == change.get('status', PLAN.status)
-        wait_for(lambda: any('ready' in line for line in process.lines))
-        assert not any('plan_file' in line for line in process.lines)
+        wait_for_line(process, 'ready')
+        assert not has_said(process, 'plan_file')
         assert max(map(len, process.lines)) < 1000 and (
             len(client.statuses[-1].text) < 1000)
 
@@ -82,7 +82,7 @@ def test_a_plan_file_belongs_to_one_planner_at_a_time(client, file):
         with node_here('planner', plan_file=file, duration=120.0, slots=20) as second:
             wait_for_line(second, f'plan_file: another planner keeps its plan in {file}; this')
             client.plan_paper()
-            assert not any('restored' in line for line in second.lines)
+            assert not has_said(second, 'restored')
             assert file.read_bytes() == content
         first.kill()
         first.wait()
@@ -105,4 +105,4 @@ def check_one_warning(client, file):
         wait_for(lambda: paths)
         assert [len(path.poses) for path in paths] == [22]
     assert max(map(len, process.lines)) < 1000
-    assert not any('Traceback' in line for line in process.lines)
+    assert not has_said(process, 'Traceback')

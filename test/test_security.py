@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import pytest
 import rclpy
 from rclpy.context import Context
-from ros_client import Client, node_process, output_of, wait_for
+from ros_client import Client
+from ros_nodes import has_said, node_process, output_of, wait_for, wait_for_line
 from secure_uav_planner.ros.planner.node import Planner
 from secure_uav_planner.ros.replay.node import Replay
 
@@ -113,9 +114,9 @@ def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
         client.send_pose('ground_node/pose', *GROUND)
         client.send_estimate('eavesdropper/pose', *EVE, variance=2.0)
         assert client.call('planner/plan').success
-        wait_for(lambda: any('got a plan' in line for line in replay.lines))
+        wait_for_line(replay, 'got a plan')
         assert client.call('replay/start').success
-        wait_for(lambda: any('end of the plan' in line for line in replay.lines))
+        wait_for_line(replay, 'end of the plan')
 
         # Every way to be refused, with the same places.
         def warnings():
@@ -137,8 +138,8 @@ def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
             client.set_parameters('planner', **values)
         client.set_parameters('replay', true_eavesdropper=[EVE[0]])
         # From where a flight has come to, no duration may be too short.
-        wait_for(lambda: (client.call('replay/reset'), client.call('planner/plan'), any(
-            'no new plan: duration' in line for line in planner.lines))[-1])
+        wait_for(lambda: (client.call('replay/reset'), client.call('planner/plan'),
+                          has_said(planner, 'no new plan: duration'))[-1])
     output = output_of(planner) + output_of(replay)
     assert 'no new plan: duration' in output and 'is not used' in output  # it does speak
     for place in (GROUND, EVE):

@@ -8,7 +8,8 @@ from benchmarks.missions import random_mission
 from hypothesis import given, settings
 from nav_msgs.msg import Path
 import pytest
-from ros_client import seconds, wait_for
+from ros_client import seconds
+from ros_nodes import wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.bound.shortest import check_bits

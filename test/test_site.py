@@ -1,18 +1,16 @@
 """The documentation as a site: it is built without a warning and leaves nothing out."""
 
 from html.parser import HTMLParser
-from pathlib import Path
 import re
 import subprocess
 
 from environments import build_wheel, make_environment, OUTSIDE
+from processes import ROOT
 import pytest
 import secure_uav_planner
 from secure_uav_planner import errors
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 class Page(HTMLParser):

@@ -20,16 +20,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import Client, node_process, seconds, stamp_at, wait_for
+from ros_client import Client, seconds, stamp_at
+from ros_nodes import node_process, wait_for, wait_for_line
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from simulation import Receiver
-import test_relay
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-packages = test_relay.packages
 SPEED, ACCELERATION = 10.0, 2.0  # m/s, m/s^2
 ALLOWANCE, VELOCITY_ALLOWANCE = 0.011, 0.02  # m, m/s
 ACTIONS = 12  # In a story.
@@ -90,7 +89,7 @@ class Story:
             'pose_timeout': 5.0 if self.vehicles else 0.0,  # After ~/reset nobody sends odometry.
             **(ZONE if self._rng.random() < 0.5 else {}), **accelerations}}[name]
         self.nodes[name] = self._stack.enter_context(node_process(name, **shared, **own))
-        wait_for(lambda: any('ready' in line for line in self.nodes[name].lines), what=name)
+        wait_for_line(self.nodes[name], 'ready')
 
     def _take(self, name, message):
         at, = message.points

@@ -2,9 +2,9 @@
 
 import csv
 from dataclasses import replace
-import pathlib
 
 from matplotlib.image import imread
+from processes import ROOT
 import pytest
 from studies import paper as study
 from studies.paper.claims import check_claims
@@ -13,7 +13,6 @@ from studies.paper.figures import write_figures
 
 pytestmark = pytest.mark.slow
 
-ROOT = pathlib.Path(__file__).parents[1]
 PACKAGE = ROOT / 'secure_uav_planner'
 
 

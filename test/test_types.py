@@ -1,14 +1,13 @@
 """The annotations of the public layer hold, for the package and for who uses it."""
 
-from pathlib import Path
 import subprocess
 import sys
 
+from processes import ROOT
 import pytest
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / 'mypy.ini'
 
 RIGHT = """

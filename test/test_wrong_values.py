@@ -17,6 +17,7 @@ from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.ros.parameters import Spec
 from strategies import make_crowd
+from test_airspace import around
 from test_margin import make_team
 
 PAPER = Scenario.paper(120.0, slots=10)
@@ -32,12 +33,6 @@ PLAN = fly_hover_fly(PAPER)
 SETPOINT = Setpoint('map', 0, (0.0, 0.0, 0.0), 0.0)
 LINK = partial(reference_snr_db, **{'carrier_hz': 2.4e9, 'bandwidth_hz': 1e6})
 HERE = {'latitude': 47.0, 'longitude': 8.0}
-
-
-def around(point, half=5.0):
-    """Return a square around a point."""
-    x, y = point
-    return ((x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half))
 
 
 def between(start, goal, name):
@@ -233,6 +228,9 @@ PLANS = [
     *((PLAN, {'start_ns': start}, 'start_ns', '') for start in (-5, 2**63 - 1, 1.5, True)),
     (PLAN, {'positions': np.zeros((2, 103, 2))}, 'positions', ''),
     (PLAN, {'history': (5,)}, 'history[0]', 'must be'),
+    *((PLAN, {'gaps': gaps}, 'gaps', '') for gaps in (5, [[2, 1]], [[1, 3], [2, 4]])),
+    *((PLAN, {'gaps': [gap]}, 'gaps[0]', '') for gap in (
+        5, [1], [1, 2, 3], ['a', 1], [1, math.nan])),
     *((FARM, {'shares': shares}, 'shares', '')
       for shares in (np.ones((2, 10)), -FARM.shares, FARM.shares[:, 1:])),
     *((PLAN.with_bound, {'bound': bound}, 'bound', 'must be None or a Bound of') for bound in (
