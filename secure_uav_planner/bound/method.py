@@ -56,6 +56,18 @@ Second schedule for fine groups, with linear potentials; pairs as in COARSE.
 It is used for groups of several slots, and after QUADRATIC if the gap is above LARGE_GAP.
 """
 
+DIVIDED = ((0.003, 3), (0.001, 4))
+"""Schedule for fine groups with cells; pairs as in COARSE."""
+
+SMALL_GAP = 0.005
+"""
+Gap above which the search goes on with cells that have multipliers of their own, in three to six
+times the time.
+"""
+
+DIVIDED_COST = 6.0
+"""Largest ratio of the times of certificates with and without these cells."""
+
 LARGE_GAP = 0.1
 """
 Gap above which linear potentials are tried after quadratic ones.
@@ -195,7 +207,8 @@ class _BestBound:
             self.status = 'time_limit'
         self.deadline.raise_if_over()
         before = self.deadline.elapsed
-        self.offer(certify(search.team, build_multipliers(search), self.deadline.poll).rate)
+        poll = self.deadline.poll
+        self.offer(certify(search.team, build_multipliers(search, poll), poll).rate)
         self._proving = self.deadline.elapsed - before
         self.deadline.raise_if_over()
 
@@ -237,9 +250,17 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
             if quadratic:
                 fine.add_quadratic_part()
             _anneal(fine, QUADRATIC if quadratic else LINEAR)
-        if not rate or best.rate <= (1 + LARGE_GAP) * rate:
+        if not rate:
             break
-        ratio = 1.0
+        if best.rate > (1 + SMALL_GAP) * rate:
+            fine.raise_if_over = best.reserve_time(DIVIDED_COST)
+            fine.raise_if_over()
+            fine.divide_cells()
+            with best.proving(fine):
+                _anneal(fine, DIVIDED)
+            ratio = 1 / DIVIDED_COST
+        if best.rate <= (1 + LARGE_GAP) * rate:
+            break
     return best.status
 
 
