@@ -340,13 +340,13 @@ class Dual:
                                    for shape in ((), (size,), (size, size)))
         lists = [(cells, i, columns, np.zeros(g), np.zeros((g, e)))
                  for i, columns in enumerate(self.silent)]
-        for cell, own in enumerate(self.columns):
+        for cell, parts in enumerate(self.columns):
             values[cell], *derivatives = self._powers(
                 point.v[:, cell], point.prices[0], layout, cell, second)
             if second:
                 grads[cell], hessians[cell] = derivatives
             lists += [(cell, i, columns, self.weight, point.v[:, cell])
-                      for i, columns in enumerate(own)]
+                      for i, columns in enumerate(parts)]
         for branch, i, columns, weight, v in lists:
             index = layout.select_uav(i, self._select_v(layout, min(branch, cells - 1)))
             own = len(index)
