@@ -67,7 +67,7 @@ Measured: with cells, and with exact best columns and Newton's method for v, 2 o
 two to four eavesdroppers have a gap above 4% instead of 4, in three to six times the time.
 """
 
-DIVIDED_COST = 6.0
+DIVIDED_COST = 12.0
 """Largest ratio of the times of certificates with and without these cells."""
 
 LARGE_GAP = 0.1
@@ -209,8 +209,8 @@ class _BestBound:
             self.status = 'time_limit'
         self.deadline.raise_if_over()
         before = self.deadline.elapsed
-        poll = self.deadline.poll
-        self.offer(certify(search.team, build_multipliers(search, poll), poll).rate)
+        search.raise_if_over = self.deadline.raise_if_over
+        self.offer(certify(search.team, build_multipliers(search), self.deadline.poll).rate)
         self._proving = self.deadline.elapsed - before
         self.deadline.raise_if_over()
 
@@ -243,26 +243,31 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
         _anneal(coarse, COARSE)
     team = Team.of(scenario, subset, detours.detours, groups)
     ratio = FINE_COST * groups / coarse_groups
+    searches = []
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(team, positions, powers, best.reserve_time(ratio))
         fine.begin_from(coarse)
         fine.raise_if_over()
+        searches.append(fine)
         with best.proving(fine):
             _anneal(fine, FINE)
             if quadratic:
                 fine.add_quadratic_part()
             _anneal(fine, QUADRATIC if quadratic else LINEAR)
-        if not rate:
+        if not rate or best.rate <= (1 + LARGE_GAP) * rate:
             break
-        if best.rate > (1 + SMALL_GAP) * rate:
-            fine.raise_if_over = best.reserve_time(DIVIDED_COST)
-            fine.raise_if_over()
-            fine.divide_cells()
-            with best.proving(fine):
-                _anneal(fine, DIVIDED)
-            ratio = 1 / DIVIDED_COST
-        if best.rate <= (1 + LARGE_GAP) * rate:
+        ratio = 1.0
+    ratio = DIVIDED_COST
+    for fine, gap in zip(searches, (SMALL_GAP, LARGE_GAP)):
+        if not rate or best.rate <= (1 + gap) * rate:
             break
+        fine.raise_if_over = best.reserve_time(ratio)
+        fine.raise_if_over()
+        fine.thorough = True
+        fine.divide_cells()
+        with best.proving(fine):
+            _anneal(fine, DIVIDED)
+        ratio = 1.0
     return best.status
 
 

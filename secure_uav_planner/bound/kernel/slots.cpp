@@ -25,7 +25,7 @@ using kernel::TINY;
 
 namespace {
 
-constexpr double TEMPERATURES[] = {0.03, 6e-3, 1.2e-3, 2.5e-4, 1e-4};  // In nats.
+constexpr double TEMPERATURES[] = {0.02, 2e-3, 2.5e-4};  // In nats.
 constexpr int NEWTON_STEPS = 10;     // Largest number of Newton steps at a temperature.
 constexpr double ENOUGH = 1e-2;      // Decrease, over tau, below which a temperature ends.
 constexpr double BARRIER = 0.1;      // Weight of the barriers, over tau.

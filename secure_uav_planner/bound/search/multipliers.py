@@ -7,7 +7,6 @@ made for several breakpoints, each with its own v.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -52,7 +51,7 @@ PRICING_BUDGET = 2000
 """Largest number of boxes in a search for a better column."""
 
 PRICING_ROUNDS = 2
-"""Rounds of better columns before the certificate's v are final."""
+"""Rounds of better columns before the v of a thorough search's certificate are final."""
 
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
@@ -69,7 +68,9 @@ class MultiplierSearch:
     :param positions: positions of a plan, (U, N + 2, 2) in m, around which columns lie.
     :param powers: powers of the plan, (U, N) in W. A group without a transmission takes the
         powers of the nearest group with one.
-    :param raise_if_over: called before every Newton step; an error that it raises ends the search.
+    :param raise_if_over: called often, at least before every Newton step; an error that it raises
+        ends the search.
+    :ivar thorough: whether to add the best columns of branch and bound, which takes long.
     :ivar weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
     :ivar point: the present multipliers.
     :ivar cells: B cells of the last UAV's reachable set in every group, each with a v of its own.
@@ -81,6 +82,7 @@ class MultiplierSearch:
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
         """Begin with the multipliers that a plan suggests, and with columns around the plan."""
         self.team, self.raise_if_over, self._damping = team, raise_if_over, 1e-6
+        self.thorough = False
         regions, groups = team.regions, team.groups
         # The point in the middle of each group represents the group.
         middle = (groups.first + groups.last) // 2
@@ -134,10 +136,11 @@ class MultiplierSearch:
         for cell, pools in enumerate(self.pools):
             for i, pool in enumerate(pools):
                 pool.add_round(partial(self._evaluate_in_cell, cell, i))
-                pool.add_exact(self.find_better(
-                    i, self.cells.take_part(cell, len(self.weight)), self.weight,
-                    self.point.v[:, cell],
-                    self._evaluate_in_cell(cell, i, pool.latest).max(1)))
+                if self.thorough:
+                    pool.add_exact(self.find_better(
+                        i, self.cells.take_part(cell, len(self.weight)), self.weight,
+                        self.point.v[:, cell],
+                        self._evaluate_in_cell(cell, i, pool.latest).max(1)))
         for i, pool in enumerate(self.pools[0]):
             pool.add_silent_places(None if self.point.layout.quadratic else slopes[:, i],
                                    partial(self.evaluate, i))
@@ -158,7 +161,7 @@ class MultiplierSearch:
         return replace(columns, ground=np.where(inside, columns.ground, -WORTHLESS))
 
     def find_better(self, uav: int, cells: Cells, weight: Array, v: Array,
-                    incumbents: Array, stop: Callable[[], bool] = lambda: False) -> Columns:
+                    incumbents: Array) -> Columns:
         """
         Return a column of a UAV for every function, (M, 1), by the certificate's branch and bound.
 
@@ -169,8 +172,11 @@ class MultiplierSearch:
         :param weight: w0 of the functions, (M,).
         :param v: eavesdropper multipliers of the functions, (M, E).
         :param incumbents: largest values of known columns, (M,) in nats.
-        :param stop: asked now and then; True ends the search.
         """
+        def stop() -> bool:
+            self.raise_if_over()
+            return False
+
         region, potential = self.team.regions[uav], self.potential(uav)
         cell = np.arange(len(weight)) % len(cells.group)
         if uav + 1 < len(self.team.regions):
@@ -294,34 +300,27 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     return weight, (total / share.sum(-1))[:, None] * share, prices
 
 
-def build_multipliers(search: MultiplierSearch,
-                      stop: Callable[[], bool] = lambda: False) -> Multipliers:
-    """
-    Return the multipliers of the certificate, with cells and breakpoints of w0.
-
-    :param stop: asked now and then; True ends the search for better columns.
-    """
+def build_multipliers(search: MultiplierSearch) -> Multipliers:
+    """Return the multipliers of the certificate, with cells and breakpoints of w0."""
     team, uavs = search.team, range(len(search.team.regions))
     candidates = [ColumnPool.join(list(pools)) for pools in zip(*search.pools)]
     v = np.concatenate(np.moveaxis(search.point.v, 1, 0))
     group = search.cells.group
     bounds = SlotBounds(
         team, [(part, search.evaluate(i, part)) for i, part in enumerate(candidates)],
-        float(search.point.prices[0]))
+        float(search.point.prices[0]), search.raise_if_over)
     cells, ratio = bounds.divide(search.cells, search.weight, v / search.weight[group, None])
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)[:, cells.group]
     v, incumbents, _ = bounds.minimise(weights, cells, ratio)
-    for _ in range(PRICING_ROUNDS):
-        if stop():
-            break
+    for _ in range(PRICING_ROUNDS if search.thorough else 0):
         for i in uavs:
             better = search.find_better(i, cells, weights.ravel(), v.reshape(-1, v.shape[-1]),
-                                        incumbents[i].ravel(), stop).spread(
+                                        incumbents[i].ravel()).spread(
                                             np.tile(cells.group, len(weights)),
                                             len(search.weight))
             bounds.add(i, better, search.evaluate(i, better))
-        v, incumbents, _ = bounds.minimise(weights, cells, ratio)
+        v, incumbents, _ = bounds.minimise(weights, cells, v / weights[..., None])
     potentials = tuple(map(search.potential, uavs))
     constant = np.array(list(map(_find_constant, potentials)))[:, cells.group]
     pools = search.pools[0]

@@ -13,9 +13,13 @@ from .columns import Columns
 from ..proof.reachable_set import Cells, Team
 from ...mission.validation import Array
 from ...model.kernel import core
+from ...optimize.deadline import DeadlineCheck
 
 LEAST_GAIN = 2e-3
 """Least reduction [nats] of a slot's bound for which its reachable set is divided into cells."""
+
+BLOCK = 50
+"""Number of cells between two questions whether the search is over."""
 
 
 class SlotBounds:
@@ -27,10 +31,13 @@ class SlotBounds:
     :param team: the UAVs.
     :param columns: columns of each UAV, and their values without w0 and v, (G, C) in nats.
     :param price: lam of the transmitter [nats per W].
+    :param raise_if_over: called before every block of cells; an error that it raises ends the
+        search.
     """
 
-    def __init__(self, team: Team, columns: list[tuple[Columns, Array]], price: float) -> None:
-        self._team, self._price = team, price
+    def __init__(self, team: Team, columns: list[tuple[Columns, Array]], price: float,
+                 raise_if_over: DeadlineCheck = lambda: None) -> None:
+        self._team, self._price, self._raise_if_over = team, price, raise_if_over
         self._columns = [_arrange(*part) for part in columns]
         self._listeners = np.zeros(len(team.regions[0].radii), np.int64)
         for number, places in enumerate(team.listeners):
@@ -47,15 +54,20 @@ class SlotBounds:
 
         :param weights: w0, (K, C).
         :param cells: C cells of the last UAV.
-        :param ratio: v / w0 where each search for v begins, (C, E).
+        :param ratio: v / w0 where each search for v begins, (C, E) or (K, C, E).
         :return: v (K, C, E), the UAVs' terms at v (U, K, C), and the bounds at v (K, C), in nats.
         """
         v = ratio * weights[..., None]
         terms, bounds = np.empty((len(self._columns), *weights.shape)), np.empty(weights.shape)
-        v, weights, low, high = map(np.ascontiguousarray, (v, weights, cells.low, cells.high))
-        core.minimise_slot_bounds(
-            self._columns, self._listeners, self._price, self._team.regions[0].peak, cells.group,
-            low, high, weights, v, terms, bounds)
+        for first in range(0, len(cells.group), BLOCK):
+            self._raise_if_over()
+            block = slice(first, first + BLOCK)
+            parts = [np.ascontiguousarray(part) for part in (
+                cells.group[block], cells.low[block], cells.high[block], weights[:, block],
+                v[:, block], terms[..., block], bounds[:, block])]
+            core.minimise_slot_bounds(
+                self._columns, self._listeners, self._price, self._team.regions[0].peak, *parts)
+            v[:, block], terms[..., block], bounds[:, block] = parts[4:]
         return v, terms, bounds
 
     def divide(self, cells: Cells, weight: Array, ratio: Array) -> tuple[Cells, Array]:
