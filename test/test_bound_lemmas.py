@@ -14,6 +14,8 @@ from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, 
 from secure_uav_planner.bound.proof.reachable_set import Cells, ReachableSet, Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, margin, SlotGroups
 from secure_uav_planner.bound.proof.terms import Potential, Terms, TOLERANCE
+from secure_uav_planner.bound.search.columns import Columns
+from secure_uav_planner.bound.search.slot_bounds import SlotBounds
 
 NUMBER = st.floats(-40, 40)
 
@@ -427,6 +429,22 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
         assert best <= bounds[k] <= best + 0.5
 
 
+@pytest.mark.parametrize('jams', [False, True])
+def test_branch_and_bound_returns_points_in_the_set_that_are_as_good_as_it_proves(jams):
+    rng = np.random.default_rng(8)
+    region = region_of(3, int(jams))
+    terms = random_terms(region, SlotGroups.of(6), rng, False, jams)
+    points = np.full((len(terms.cell), 3), np.nan)
+    bounds = terms.bound_maxima(np.full(len(terms.cell), -np.inf), maximisers=points)
+    assert region.contains(points[:, :2], terms.cell).all()
+    for k, point in enumerate(points):
+        value = values(terms, k, point[None, :2], np.exp(point[2:]) if jams else None)[0]
+        assert bounds[k] - 2 * TOLERANCE <= value <= bounds[k]
+    known = points.copy()
+    terms.bound_maxima(bounds, maximisers=points)
+    assert (points == known).all()
+
+
 def test_a_branch_and_bound_cut_short_is_valid():
     rng = np.random.default_rng(6)
     region = region_of(4, 1)
@@ -436,3 +454,27 @@ def test_a_branch_and_bound_cut_short_is_valid():
     assert (terms.bound_maxima(nothing, budget=100) >= exact - 4e-4).all()
     calls = iter([False] * 5 + [True] * 10**6)
     assert (terms.bound_maxima(nothing, lambda: next(calls)) >= exact - 4e-4).all()
+
+
+@pytest.mark.parametrize('listeners', [1, 3])
+def test_the_multipliers_of_a_slot_are_nearly_the_best_ones(listeners):
+    rng = np.random.default_rng(9)
+    owners = np.arange(3) % listeners
+    team = SimpleNamespace(regions=[SimpleNamespace(peak=2.0, radii=np.zeros(3))], listeners=[
+        np.flatnonzero(owners == owner) for owner in range(listeners)])
+    columns = [(Columns(rng.uniform(size=(5, 40, 2)), np.zeros((5, 40)), rng.normal(
+        0, 2, (5, 40)), rng.normal(0, 2, (5, 40, 3))), rng.normal(0, 0.5, (5, 40)))
+        for _ in range(2)]
+    weights, cells = np.array([[0.3] * 5, [0.999] * 5]), Cells(
+        np.arange(5), np.zeros((5, 2)), np.ones((5, 2)))
+    v, _, bounds = SlotBounds(team, columns, 0.2).minimise(
+        weights, cells, np.full((5, 3), 0.3))
+    assert (v >= 0).all() and (v.sum(-1) <= weights).all()
+    size = weights[..., None] * rng.random((2000, 1, 1, 1)) ** 0.3
+    tried = np.concatenate([v[None], size * rng.dirichlet(np.full(3, 0.5), (2000, 2, 5))])
+    sums = [tried[..., places].sum(-1) for places in team.listeners]
+    found = maximise_power(weights - tried.sum(-1), 0.2, 2.0)[0] - entropy(*sums) + sum(
+        (base + weights[..., None] * part.ground + np.einsum(
+            'nkge,gce->nkgc', tried, part.leaks)).max(-1) for part, base in columns)
+    assert bounds == pytest.approx(found[0], abs=1e-9)
+    assert (bounds <= found.min(0) + 1e-3).all()

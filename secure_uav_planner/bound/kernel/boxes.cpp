@@ -34,11 +34,12 @@ public:
     // larger of the incumbent and the largest value that the search finds.
     void add(std::size_t k, double incumbent, double tolerance) {
         items_.push_back({functions_.size(), INFINITE});
-        functions_.push_back({k, incumbent + tolerance, tolerance, -INFINITE, 0.0});
+        functions_.push_back({k, incumbent + tolerance, tolerance, -INFINITE, 0.0, {}, false});
     }
 
-    // Search, and replace the incumbents of the added functions by the bounds of their maxima.
-    void search(Array<double>& bounds) {
+    // Search, and replace the incumbents of the added functions by the bounds of their maxima. The
+    // best point that exceeds the incumbent goes to the function's row of `maximisers` (M, 3).
+    void search(Array<double>& bounds, Array<double>& maximisers) {
         std::vector<Node> level{{terms_.bounding_box(group_), 0, items_.size()}};
         while (!level.empty()) {
             next_nodes_.clear();
@@ -47,13 +48,19 @@ public:
             std::swap(level, next_nodes_);
             std::swap(items_, next_items_);
         }
-        for (const Function& function : functions_) bounds[function.number] = function.bound;
+        for (const Function& function : functions_) {
+            bounds[function.number] = function.bound;
+            if (function.exceeds)
+                std::copy(function.best, function.best + 3, &maximisers[3 * function.number]);
+        }
     }
 
 private:
     struct Function {
         std::size_t number;
         double enough, tolerance, bound, boxes;
+        double best[3];  // The best point that exceeds the incumbent, if one does.
+        bool exceeds;
     };
 
     // A function that needs a box, and its bound over the parent box.
@@ -84,8 +91,11 @@ private:
             // Written so that a NaN is never dropped.
             if (!(bound <= function.enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = terms_.sum(function.number, parts_.data());
-                if (box.centre_in_set)
-                    function.enough = std::max(function.enough, f.value + function.tolerance);
+                if (box.centre_in_set && f.value + function.tolerance > function.enough) {
+                    function.enough = f.value + function.tolerance;
+                    std::copy(box.centre, box.centre + 3, function.best);
+                    function.exceeds = true;
+                }
                 bound = terms_.bound(group_, box, f, function.enough);
                 if (!ended && !(bound <= function.enough)) {
                     next_items_.push_back({items_[i].function, bound});
@@ -151,11 +161,14 @@ private:
 // holds an incumbent of each function, a guess of the maximum, which the bound replaces.
 // `tolerances` (M): how far a bound may exceed the larger of the maximum and the incumbent.
 // `budget`: number of boxes after which a function's bound is taken as it is.
+// `maximisers` (M, 3): place and log power of the best point that exceeds the incumbent; the row of
+// a function without such a point is left as it is.
 void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buffer& bounds,
-                  const py::buffer& tolerances, double budget) {
+                  const py::buffer& tolerances, double budget, const py::buffer& maximisers) {
     const Array<const std::int64_t> index(functions, "functions");
     Array<double> bound(bounds, "bounds", terms.size());
     const Array<const double> tolerance(tolerances, "tolerance", terms.size());
+    Array<double> best(maximisers, "maximisers", 3 * terms.size());
     expect(index.size() > 0, "functions");
     for (std::size_t i = 0; i < index.size(); ++i)
         expect(index[i] >= 0 && std::size_t(index[i]) < terms.size()
@@ -167,7 +180,7 @@ void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buf
         const std::size_t function = std::size_t(index[i]);
         tree.add(function, bound[function], tolerance[function]);
     }
-    tree.search(bound);
+    tree.search(bound, best);
 }
 
 // Return the value at the centre of a box and the bound over it: for tests.

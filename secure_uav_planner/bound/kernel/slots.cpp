@@ -1,14 +1,16 @@
 // The multipliers v of the certificate: the bound of a slot on columns, minimised over v at a w0.
 //
 // The bound is m(w0 - s) - H(v) + sum over UAVs of the largest base + w0 ground + v . leaks, which
-// is convex in v; see bound/proof/certificate.py. It is minimised along one direction after the
-// other: along v itself, and from one eavesdropper's place to another's. Along a direction the
-// largest is taken over a list of columns only. Before every sweep over the directions, the best
-// columns at the present v are added to this list.
+// is convex in v; see bound/proof/certificate.py. It is minimised by Newton's method at falling
+// temperatures tau, with tau log sum exp(. / tau) for every largest value and with barriers for
+// v > 0 and for s < w0. The sum is taken over a list of columns only. At every temperature, the
+// best columns at the present v are added to this list. A search along one direction after the
+// other would stop at a kink of the bound, up to 0.3 nats above the least value.
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -23,9 +25,14 @@ using kernel::TINY;
 
 namespace {
 
-constexpr int SWEEPS = 4;            // Number of sweeps over all directions.
-constexpr int LINE_STEPS = 20;       // Golden sections along a direction.
-constexpr std::size_t JOINING = 60;  // Columns that join a UAV's list before a sweep.
+constexpr double TEMPERATURES[] = {0.02, 2e-3, 2.5e-4};  // In nats.
+constexpr int NEWTON_STEPS = 10;     // Largest number of Newton steps at a temperature.
+constexpr double ENOUGH = 1e-2;      // Decrease, over tau, below which a temperature ends.
+constexpr double BARRIER = 0.1;      // Weight of the barriers, over tau.
+constexpr double INTERIOR = 1e-4;    // Least first share of w0 of every v.
+constexpr double LEAST_SLACK = 1e-7; // Least first share of w0 of w0 - s.
+constexpr double MOST_OF_WAY = 0.95; // Largest part of the way to the bounds of v in a step.
+constexpr std::size_t JOINING = 60;  // Columns that join a UAV's list at a temperature.
 
 // -share log(share), a term of an entropy.
 double find_entropy(double share) {
@@ -39,7 +46,7 @@ class SlotBound {
 public:
     SlotBound(std::vector<std::size_t> listeners, double price, double peak)
         : listeners_(std::move(listeners)), price_(price), peak_(peak),
-          totals_(listeners_.size()), v_(listeners_.size()) {}
+          totals_(listeners_.size()), trial_(listeners_.size()) {}
 
     // Begin with another slot, at another w0 (`weight`), without columns.
     void begin(double weight, std::size_t uavs) {
@@ -57,25 +64,30 @@ public:
     }
 
     // Minimise the bound approximately over the eavesdroppers' multipliers v, beginning at the
-    // given v, which the result replaces. Every sweep first adds the best columns at v to the
-    // columns that the line searches use. Then it changes the sum of v, and moves a part of v from
-    // one eavesdropper's place to another for each pair of places.
+    // given v, which a better result replaces.
     void minimise(double* v) {
         const std::size_t count = listeners_.size();
-        std::vector<double> direction(count);
-        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
-            for (Uav& uav : uavs_) extend(uav, v);
-            scale(v);
-            for (std::size_t e = 0; e < count; ++e)
-                for (std::size_t f = 0; f < e; ++f) {
-                    std::fill(direction.begin(), direction.end(), 0.0);
-                    direction[e] = 1.0;
-                    direction[f] = -1.0;
-                    const double length = search_line(v, direction.data(), -v[e], v[f]);
-                    v[e] = std::max(v[e] + length, 0.0);
-                    v[f] = std::max(v[f] - length, 0.0);
-                }
+        const double before = find_bound(v);
+        if (!std::isfinite(before)) return;
+        std::vector<double> point(count);
+        double sum = 0.0;
+        for (std::size_t e = 0; e < count; ++e)
+            sum += point[e] = std::max(v[e], INTERIOR * weight_ / double(count));
+        const double most = weight_ * (1 - LEAST_SLACK);
+        if (sum > most)
+            for (double& part : point) part *= most / sum;
+        for (const double tau : TEMPERATURES) {
+            for (Uav& uav : uavs_) extend(uav, point.data());
+            descend(point, tau);
         }
+        if (find_bound(point.data()) < before) std::copy(point.begin(), point.end(), v);
+    }
+
+    // The bound at v, with the largest values of all columns.
+    double find_bound(const double* v) {
+        double sum = constant(v);
+        for (std::size_t uav = 0; uav < uavs_.size(); ++uav) sum += find_maximum(uav, v);
+        return sum;
     }
 
     // Find the largest value of a UAV's columns, -infinity without any.
@@ -106,11 +118,9 @@ private:
         const double* leaks;
     };
 
-    // All columns of a UAV; the list of columns that are used along a direction; and the values and
-    // slopes of this list along the present direction.
+    // All columns of a UAV, and the list of columns that the smoothed bound uses.
     struct Uav {
         std::vector<Column> columns, list;
-        std::vector<std::pair<double, double>> line;
     };
 
     double value(const Column& column, const double* v) const {
@@ -130,61 +140,120 @@ private:
             uav.list.push_back(uav.columns[order_[i].second]);
     }
 
-    // Minimise over the sum of v, with the places' shares of this sum unchanged.
-    void scale(double* v) {
-        double sum = 0.0;
-        for (std::size_t e = 0; e < listeners_.size(); ++e) sum += v[e];
-        std::vector<double> share(v, v + listeners_.size());
-        const std::vector<double> zero(share.size(), 0.0);
-        for (double& part : share) part /= std::max(sum, TINY);
-        sum = search_line(zero.data(), share.data(), 0.0, weight_);
-        for (std::size_t e = 0; e < share.size(); ++e) v[e] = sum * share[e];
+    // Take damped Newton steps on the smoothed bound.
+    void descend(std::vector<double>& v, double tau) {
+        const std::size_t count = v.size();
+        for (int step = 0; step < NEWTON_STEPS; ++step) {
+            const double before = smooth(v, tau, true);
+            step_ = gradient_;
+            if (!solve()) return;
+            double decrease = 0.0, sum = 0.0, total = 0.0, length = 1.0;
+            for (std::size_t e = 0; e < count; ++e) {
+                decrease += step_[e] * gradient_[e];
+                if (step_[e] > 0) length = std::min(length, MOST_OF_WAY * v[e] / step_[e]);
+                sum -= step_[e];
+                total += v[e];
+            }
+            if (!(decrease >= ENOUGH * tau)) return;
+            if (sum > 0) length = std::min(length, MOST_OF_WAY * (weight_ - total) / sum);
+            for (;; length /= 2) {
+                if (length < 1e-8) return;
+                for (std::size_t e = 0; e < count; ++e) trial_[e] = v[e] - length * step_[e];
+                if (smooth(trial_, tau, false) <= before - 0.1 * length * decrease) break;
+            }
+            std::swap(v, trial_);
+        }
     }
 
-    // Return the length of a step along a direction that minimises the bound, by golden section.
-    double search_line(const double* start, const double* direction, double low, double high) {
-        const double zero = 0.0;
-        for (Uav& uav : uavs_) {
-            uav.line.clear();
-            for (const Column& column : uav.list)
-                uav.line.emplace_back(value(column, start),
-                                      value({zero, column.leaks}, direction));
+    // The smoothed bound on the lists of columns, with barriers; its gradient and Hessian by v.
+    double smooth(const std::vector<double>& v, double tau, bool differentiate) {
+        const std::size_t count = v.size();
+        double bound = constant(v.data()), sum = 0.0;
+        for (const double part : v) {
+            sum += part;
+            bound -= BARRIER * tau * std::log(std::max(part, TINY));
         }
-        const auto find_bound = [&](double length) {
-            for (std::size_t e = 0; e < v_.size(); ++e) v_[e] = start[e] + length * direction[e];
-            double sum = constant(v_.data());
-            for (const Uav& uav : uavs_) {
-                double most = -kernel::INFINITE;
-                for (const auto& [value, slope] : uav.line)
-                    most = std::max(most, value + length * slope);
-                sum += most;
-            }
-            return sum;
-        };
-        const double gold = (std::sqrt(5.0) - 1) / 2;
-        double x1 = high - gold * (high - low), x2 = low + gold * (high - low);
-        double f1 = find_bound(x1), f2 = find_bound(x2);
-        for (int step = 0; step < LINE_STEPS; ++step) {
-            if (f1 < f2) {
-                high = x2;
-                x2 = x1;
-                f2 = f1;
-                x1 = high - gold * (high - low);
-                f1 = find_bound(x1);
-            } else {
-                low = x1;
-                x1 = x2;
-                f1 = f2;
-                x2 = low + gold * (high - low);
-                f2 = find_bound(x2);
+        const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
+        bound -= BARRIER * tau * std::log(slack);
+        if (differentiate) {
+            const double best = slack / std::max(price_, TINY), power = std::min(best, peak_);
+            const double slope = BARRIER * tau / slack - std::log(std::max(power, TINY) * rest);
+            const double curvature = (best < peak_ ? 1 / slack : 0.0) + 1 / rest
+                + BARRIER * tau / (slack * slack);
+            gradient_.assign(count, slope);
+            hessian_.assign(count * count, curvature);
+            for (std::size_t e = 0; e < count; ++e) {
+                const double total = std::max(totals_[listeners_[e]], TINY);
+                gradient_[e] += std::log(total) - BARRIER * tau / v[e];
+                hessian_[e * count + e] += BARRIER * tau / (v[e] * v[e]);
+                for (std::size_t f = 0; f < count; ++f)
+                    if (listeners_[e] == listeners_[f]) hessian_[e * count + f] += 1 / total;
             }
         }
-        return (low + high) / 2;
+        for (const Uav& uav : uavs_) bound += smooth_maximum(uav, v, tau, differentiate);
+        return bound;
+    }
+
+    // The smoothed largest value of a UAV's list, with derivatives added to those of the bound.
+    double smooth_maximum(const Uav& uav, const std::vector<double>& v, double tau,
+                          bool differentiate) {
+        const std::size_t count = v.size();
+        weights_.clear();
+        double top = -kernel::INFINITE, total = 0.0;
+        for (const Column& column : uav.list) {
+            weights_.push_back(value(column, v.data()));
+            top = std::max(top, weights_.back());
+        }
+        for (double& weight : weights_) total += weight = std::exp((weight - top) / tau);
+        if (differentiate) {
+            mean_.assign(count, 0.0);
+            for (std::size_t c = 0; c < weights_.size(); ++c) {
+                const double share = weights_[c] / total, *leaks = uav.list[c].leaks;
+                if (share < 1e-12) continue;
+                for (std::size_t e = 0; e < count; ++e) {
+                    mean_[e] += share * leaks[e];
+                    for (std::size_t f = 0; f < count; ++f)
+                        hessian_[e * count + f] += share / tau * leaks[e] * leaks[f];
+                }
+            }
+            for (std::size_t e = 0; e < count; ++e) {
+                gradient_[e] += mean_[e];
+                for (std::size_t f = 0; f < count; ++f)
+                    hessian_[e * count + f] -= mean_[e] * mean_[f] / tau;
+            }
+        }
+        return top + tau * std::log(total);
+    }
+
+    // Replace step_ by the inverse of the Hessian times step_, by a Cholesky factor in place.
+    // Return false if the Hessian is not positive definite.
+    bool solve() {
+        const std::size_t count = step_.size();
+        for (std::size_t i = 0; i < count; ++i)
+            for (std::size_t j = 0; j <= i; ++j) {
+                double sum = hessian_[i * count + j];
+                for (std::size_t k = 0; k < j; ++k)
+                    sum -= hessian_[i * count + k] * hessian_[j * count + k];
+                if (i == j && !(sum > 0)) return false;
+                hessian_[i * count + j] =
+                    i == j ? std::sqrt(sum) : sum / hessian_[j * count + j];
+            }
+        for (std::size_t i = 0; i < count; ++i) {
+            for (std::size_t k = 0; k < i; ++k) step_[i] -= hessian_[i * count + k] * step_[k];
+            step_[i] /= hessian_[i * count + i];
+        }
+        for (std::size_t i = count; i-- > 0;) {
+            for (std::size_t k = i + 1; k < count; ++k)
+                step_[i] -= hessian_[k * count + i] * step_[k];
+            step_[i] /= hessian_[i * count + i];
+        }
+        return true;
     }
 
     std::vector<std::size_t> listeners_;
     double price_, peak_;
-    std::vector<double> totals_, v_;  // Sums of v over every listener; v along a direction.
+    std::vector<double> totals_, trial_;  // Sums of v over every listener; v after a step.
+    std::vector<double> gradient_, hessian_, step_, mean_, weights_;
     double weight_ = 0.0;
     std::vector<Uav> uavs_;
     std::vector<std::pair<double, std::size_t>> order_;
@@ -243,11 +312,9 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
         }
         double* best = &found[row * places];
         bound.minimise(best);
-        values[row] = bound.constant(best);
-        for (std::size_t uav = 0; uav < columns.size(); ++uav) {
+        values[row] = bound.find_bound(best);
+        for (std::size_t uav = 0; uav < columns.size(); ++uav)
             largest[uav * rows + row] = bound.find_maximum(uav, best);
-            values[row] += largest[uav * rows + row];
-        }
     }
 }
 

@@ -310,6 +310,11 @@ class Cells:
         """Return one cell for every group, in the order of the groups."""
         return cls(np.arange(len(region.steps)), *region.bounding_box)
 
+    def take_part(self, number: int, size: int) -> Cells:
+        """Return one of the parts of `size` cells each that follow each other."""
+        part = slice(number * size, (number + 1) * size)
+        return Cells(self.group[part], self.low[part], self.high[part])
+
     def quarter(self, chosen: NDArray[np.int64]) -> Cells:
         """Return all cells, with the chosen ones, by their indices (D,), divided into four."""
         cells = self._halve(chosen, 0)

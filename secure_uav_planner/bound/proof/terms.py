@@ -199,7 +199,7 @@ class Terms:
     powers: tuple[float, float] | None = None
 
     def bound_maxima(self, incumbents: Array, stop: Callable[[], bool] = lambda: False,
-                     budget: float = BUDGET) -> Array:
+                     budget: float = BUDGET, maximisers: Array | None = None) -> Array:
         """
         Return upper bounds of the functions' maxima, (M,) in nats.
 
@@ -212,14 +212,18 @@ class Terms:
         :param stop: asked before every cell. After True the remaining functions keep the bounds
             of their first boxes.
         :param budget: largest number of boxes for each function.
+        :param maximisers: filled with the place in units and log p of the best point of every
+            function, (M, 3), where a point exceeds the incumbent. It proves nothing.
         """
         constant = self.potential.constant()[self.cells.group[self.cell]]
         bounds, tolerance = incumbents - constant, np.full(len(self.cell), TOLERANCE)
+        if maximisers is None:
+            maximisers = np.empty((len(self.cell), 3))
         # The functions of a cell share their boxes.
         order = np.argsort(self.cell, kind='stable')
         for functions in np.split(order, np.flatnonzero(np.diff(self.cell[order])) + 1):
             budget = 0.0 if stop() else budget
-            self.compiled.bound_maxima(functions, bounds, tolerance, budget)
+            self.compiled.bound_maxima(functions, bounds, tolerance, budget, maximisers)
         return np.asarray(np.maximum(bounds, NOTHING) + constant)
 
     @cached_property

@@ -48,6 +48,9 @@ FRESH = 5
 OLD = 15
 """Number of columns improved in earlier rounds that a round keeps."""
 
+EXACT = 16
+"""Number of latest rounds whose best places of branch and bound are kept."""
+
 SILENT = 24
 """Number of latest silent places that are kept beside the fixed ones."""
 
@@ -89,6 +92,19 @@ class Columns:
         row = np.arange(len(index))[:, None]
         return Columns(self.place[row, index], self.power[row, index],
                        self.ground[row, index], self.leaks[row, index])
+
+    def spread(self, group: NDArray[np.intp], groups: int) -> Columns:
+        """
+        Return columns (M, 1) of given groups, (M,), as columns of `groups` groups, (G, C).
+
+        Groups with less columns than others repeat their last one.
+        """
+        order = np.argsort(group, kind='stable')
+        count = np.bincount(group, minlength=groups)
+        first = np.cumsum(count) - count
+        index = order[first[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
+        return Columns(*(getattr(self, name)[index, 0]
+                         for name in ('place', 'power', 'ground', 'leaks')))
 
     @staticmethod
     def concatenate(parts: list[Columns]) -> Columns:
@@ -159,18 +175,26 @@ class ColumnPool:
             Columns.of(region, rim, np.zeros(rim.shape[:2]))])
         self._improved: list[Columns] = []
         self._rounds: list[Columns] = []
+        self._exact: list[Columns] = []
         self._silent_places = np.concatenate(
             [region.find_farthest(unit_circle(RIM)[None]), sample_grid(region, *SILENT_GRID)], 1)
 
     @property
     def latest(self) -> Columns:
         """Return the columns of the latest round and the columns that every round uses."""
-        return Columns.concatenate([self._base, self._rounds[-1]])
+        return Columns.concatenate([self._base, self._rounds[-1], *self._exact])
 
-    @property
-    def candidates(self) -> Columns:
-        """Return the columns by which v is chosen: of all kept rounds and of the whole grid."""
-        return Columns.concatenate([self._base, *self._rounds, self._table])
+    @staticmethod
+    def join(pools: list[ColumnPool]) -> Columns:
+        """
+        Return the columns by which v is chosen: of all kept rounds and of the whole grid.
+
+        :param pools: pools of one UAV, which have the fixed columns in common.
+        """
+        first = pools[0]
+        return Columns.concatenate([
+            first._base, first._table,
+            *(part for pool in pools for part in (*pool._rounds, *pool._exact))])
 
     @property
     def silent(self) -> Columns:
@@ -200,6 +224,10 @@ class ColumnPool:
         latest = np.arange(improved.power.shape[1])[-OLD - FRESH:]
         self._improved = [improved.take(np.broadcast_to(latest, (len(value), len(latest))))]
         self._rounds = [*self._rounds, Columns.concatenate([chosen, *self._improved])][-RECENT:]
+
+    def add_exact(self, columns: Columns) -> None:
+        """Add columns that are better than all others, and drop the oldest of their kind."""
+        self._exact = [*self._exact, columns][-EXACT:]
 
     def _select_powers(self, value: Array) -> NDArray[np.intp]:
         """

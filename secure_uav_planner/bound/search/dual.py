@@ -1,10 +1,11 @@
 """
 The smoothed dual function on columns, with its gradient and Hessian, and its Newton step.
 
-It is the certificate's bound with every maximum taken over columns and over two branches, a single
-breakpoint of w0 and silence, and smoothed to tau log sum exp(. / tau). It is jointly convex in the
-potentials, v and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s
-and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
+It is the certificate's bound with every maximum taken over columns and over branches, and smoothed
+to tau log sum exp(. / tau). The branches are a single breakpoint of w0 in each cell, and silence.
+Every cell has its own v, see lemma 10. The dual function is jointly convex in the potentials, v
+and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s and lam have
+weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
 
 Newton's linear system is an arrow: a band, in which the potentials at an edge are followed by the
 v of the group after it, and the prices of power as its border.
@@ -52,6 +53,7 @@ class ArrowSystem:
     :param price: gradient of the prices' own terms, (U,).
     :param prices: diagonal of the Hessian of the prices' own terms, (U,).
     :param sharpness: number of slots of a group, divided by the temperature, (G,).
+    :param cells: number of cells of a group.
     """
 
     potential: PotentialLayout
@@ -63,11 +65,12 @@ class ArrowSystem:
     price: Array
     prices: Array
     sharpness: Array
+    cells: int
 
     def slope(self, step: DualPoint) -> float:
         """Return the derivative of the dual function along a step."""
         x = step.potentials.reshape(self.edge.shape)
-        local = np.concatenate([x[:-1], step.v, x[1:], np.broadcast_to(
+        local = np.concatenate([x[:-1], step.v.reshape(len(step.v), -1), x[1:], np.broadcast_to(
             step.prices, (len(step.v), len(step.prices)))], 1)
         return float((self.group * local).sum() + (self.edge * x).sum()
                      + self.price @ step.prices)
@@ -94,7 +97,7 @@ class ArrowSystem:
         (count, width), shift = self.edge.shape, self.layout.after.start
         x = -(answer[:, -1] + answer[:, :-1] @ prices).reshape(count, shift)
         return DualPoint(self.potential, x[:, :width].reshape(count, len(prices), -1),
-                         x[:-1, width:], prices)
+                         x[:-1, width:].reshape(count - 1, self.cells, -1), prices)
 
     def _damp(self, damping: float) -> tuple[Array, Array]:
         """Return the Hessians of groups (G, F, F) and edges (G + 1, U P, U P) with damping."""
@@ -215,12 +218,13 @@ class Dual:
 
     :param team: the UAVs.
     :param weight: w0 of the branch in which the transmitter sends, (G,).
-    :param columns: columns of each UAV in the branch in which the transmitter sends.
+    :param columns: for each cell the columns of each UAV in the branch in which the transmitter
+        sends.
     :param silent: columns of each UAV in the branch of silence.
     :param tau: temperature of every smoothed maximum [nats].
     """
 
-    def __init__(self, team: Team, weight: Array, columns: list[Columns],
+    def __init__(self, team: Team, weight: Array, columns: list[list[Columns]],
                  silent: list[Columns], tau: float) -> None:
         self.team, self.weight, self.tau = team, weight, tau
         self.columns, self.silent = columns, silent
@@ -234,8 +238,8 @@ class Dual:
         self.edge[0] += 1
 
     def slack(self, v: Array) -> Array:
-        """Return the slack w0 - sum of v, (G,)."""
-        return np.asarray(self.weight - v.sum(-1))
+        """Return the slack w0 - sum of v, (G, B)."""
+        return np.asarray(self.weight[:, None] - v.sum(-1))
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function: N times an estimate of the bound, in nats."""
@@ -253,20 +257,28 @@ class Dual:
         slack = self.slack(v)
         slots = float(self.count.sum())
         value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
-        value -= float(((bar * np.log(v).sum(-1) + SLACK_BARRIER * np.log(slack))
+        value -= float(((bar * np.log(v).sum((1, 2)) + SLACK_BARRIER * np.log(slack).sum(1))
                         * self.count).sum())
         edges = self._edges(point)
         value += edges.value
         if not second:
             return value, None
-        group[:, layout.v] += self.count[:, None] * (-bar / v + (SLACK_BARRIER / slack)[:, None])
-        groups[:, layout.v, layout.v] += self.count[:, None, None] * (
-            (bar / v**2)[:, :, None] * np.eye(v.shape[1])
-            + (SLACK_BARRIER / slack**2)[:, None, None])
+        for cell in range(v.shape[1]):
+            own, part, rest = self._select_v(layout, cell), v[:, cell], slack[:, cell]
+            group[:, own] += self.count[:, None] * (
+                -bar / part + (SLACK_BARRIER / rest)[:, None])
+            groups[:, own, own] += self.count[:, None, None] * (
+                (bar / part**2)[:, :, None] * np.eye(part.shape[1])
+                + (SLACK_BARRIER / rest**2)[:, None, None])
         return value, ArrowSystem(
             point.layout, layout, group, groups, *edges.flatten(),
             slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
-            self.count / self.tau)
+            self.count / self.tau, v.shape[1])
+
+    def _select_v(self, layout: GroupLayout, cell: int) -> slice:
+        """Return the slice of one cell's v in a group's unknowns."""
+        size = (layout.v.stop - layout.v.start) // len(self.columns)
+        return slice(layout.v.start + cell * size, layout.v.start + (cell + 1) * size)
 
     def _edges(self, point: DualPoint) -> EdgeTerms:
         """Return the terms of speed, acceleration and curvature at the edges and both ends."""
@@ -294,9 +306,9 @@ class Dual:
 
     def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
         """
-        Return the smoothed maximum over both branches, summed over all slots, with derivatives.
+        Return the smoothed maximum over all branches, summed over all slots, with derivatives.
 
-        In one branch the transmitter sends, in the other it is silent. The derivatives are a
+        In the last branch the transmitter is silent, in all others it sends. The derivatives are a
         gradient (G, F) and a Hessian (G, F, F) for each group, and are not valid unless `second`.
         """
         values, grads, hessians = self._branches(point, second)
@@ -315,24 +327,28 @@ class Dual:
 
     def _branches(self, point: DualPoint, second: bool) -> tuple[Array, Array, Array]:
         """
-        Return values (2, G), gradients (2, G, F) and Hessians (2, G, F, F) of both branches.
+        Return values, gradients (.., F) and Hessians (.., F, F) of all branches, (B + 1, G).
 
         A value is the sum over the UAVs of the smoothed maximum of their columns in a group. In
-        the first branch the transmitter sends, with weight w0, and the maximum over its power is
-        included; the second branch is silence. Derivatives are empty unless `second`.
+        the first B branches, one for each cell, the transmitter sends, with weight w0, and the
+        maximum over its power is included. The last branch is silence. Derivatives are empty
+        unless `second`.
         """
-        (g, e), layout, size = point.v.shape, point.group_layout, point.group_layout.prices.stop
-        values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)
+        (g, cells, e), layout = point.v.shape, point.group_layout
+        size = layout.prices.stop
+        values, grads, hessians = (np.zeros((cells + 1, g, *shape) if second or not shape else 0)
                                    for shape in ((), (size,), (size, size)))
-        values[0], *derivatives = self._powers(point.v, point.prices[0], layout, second)
-        if second:
-            grads[0], hessians[0] = derivatives
-        lists = [(1, i, columns, np.zeros(g), np.zeros((g, e)))
+        lists = [(cells, i, columns, np.zeros(g), np.zeros((g, e)))
                  for i, columns in enumerate(self.silent)]
-        lists += [(0, i, columns, self.weight, point.v)
-                  for i, columns in enumerate(self.columns)]
+        for cell, parts in enumerate(self.columns):
+            values[cell], *derivatives = self._powers(
+                point.v[:, cell], point.prices[0], layout, cell, second)
+            if second:
+                grads[cell], hessians[cell] = derivatives
+            lists += [(cell, i, columns, self.weight, point.v[:, cell])
+                      for i, columns in enumerate(parts)]
         for branch, i, columns, weight, v in lists:
-            index = layout.select_uav(i)
+            index = layout.select_uav(i, self._select_v(layout, min(branch, cells - 1)))
             own = len(index)
             value, grad, hessian = (np.empty((g, *shape) if second or not shape else 0)
                                     for shape in ((), (own,), (own, own)))
@@ -344,11 +360,11 @@ class Dual:
                 hessians[branch][:, index[:, None], index] += hessian
         return values, grads, hessians
 
-    def _powers(self, v: Array, price: float, layout: GroupLayout,
+    def _powers(self, v: Array, price: float, layout: GroupLayout, cell: int,
                 second: bool) -> tuple[Array, Array, Array]:
-        """Return the entropies and the maximum over the transmit power, with derivatives."""
+        """Return one cell's entropies and maximum over the transmit power, with derivatives."""
         rest, peak = 1 - v.sum(-1), self.team.regions[0].peak
-        slack, own, la = self.slack(v), layout.v, layout.prices.start
+        slack, own, la = self.weight - v.sum(-1), self._select_v(layout, cell), layout.prices.start
         value, power = maximise_power(slack, price, peak)
         totals = self.team.sum_listeners(v)
         value = value - entropy(*totals) + entropy(self.weight)

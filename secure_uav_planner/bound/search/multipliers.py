@@ -7,6 +7,7 @@ made for several breakpoints, each with its own v.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -17,9 +18,9 @@ from .columns import ColumnPool, Columns, pack_columns
 from .dual import Dual
 from .slot_bounds import SlotBounds
 from .variables import DualPoint, PotentialLayout
-from ..proof.certificate import Multipliers, sigmoid
-from ..proof.reachable_set import Team
-from ..proof.terms import Potential
+from ..proof.certificate import find_power_range, Multipliers, sigmoid
+from ..proof.reachable_set import Cells, Team
+from ..proof.terms import Potential, Terms
 from ...mission.validation import Array
 from ...model.channel.rates import compute_sinr
 from ...model.kernel import core
@@ -43,6 +44,15 @@ LEAST_SHARE = 0.02
 SHARPNESS = 8.0
 """Exponent of the SINR in the shares of one listener's places in the first v."""
 
+WORTHLESS = 1e6
+"""Size of the value [nats] of a column outside its cell."""
+
+PRICING_BUDGET = 2000
+"""Largest number of boxes in a search for a better column."""
+
+PRICING_ROUNDS = 2
+"""Rounds of better columns before the v of a thorough search's certificate are final."""
+
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
 
@@ -58,15 +68,21 @@ class MultiplierSearch:
     :param positions: positions of a plan, (U, N + 2, 2) in m, around which columns lie.
     :param powers: powers of the plan, (U, N) in W. A group without a transmission takes the
         powers of the nearest group with one.
-    :param raise_if_over: called before every Newton step; an error that it raises ends the search.
+    :param raise_if_over: called often, at least before every Newton step; an error that it raises
+        ends the search.
+    :ivar thorough: whether to add the best columns of branch and bound, which takes long.
     :ivar weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
     :ivar point: the present multipliers.
+    :ivar cells: B cells of the last UAV's reachable set in every group, each with a v of its own.
+        The first cells of all groups come first, then the second cells of all groups, and so on.
+    :ivar pools: columns of each UAV for each of the B cells.
     """
 
     def __init__(self, team: Team, positions: Array, powers: Array,
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
         """Begin with the multipliers that a plan suggests, and with columns around the plan."""
         self.team, self.raise_if_over, self._damping = team, raise_if_over, 1e-6
+        self.thorough = False
         regions, groups = team.regions, team.groups
         # The point in the middle of each group represents the group.
         middle = (groups.first + groups.last) // 2
@@ -74,15 +90,16 @@ class MultiplierSearch:
         watts = np.maximum(powers[:, middle - 1], 0.0)
         sends = watts[0] > AUDIBLE * regions[0].average
         watts = _fill_silent_groups(team, watts, sends)
-        self.pools = [ColumnPool(*parts) for parts in zip(regions, places, watts)]
+        self.cells = Cells.whole(regions[-1])
+        self.pools = [[ColumnPool(*parts) for parts in zip(regions, places, watts)]]
         self.weight, v, prices = suggest_multipliers(team, places, watts)
         if not sends.any():
             prices[0] = FIRST_PRICE
         # The search begins with linear potentials that are 0.
         layout = PotentialLayout.of(False, team.accelerates)
         self.point = DualPoint(
-            layout, np.zeros((len(groups.edges), len(regions), layout.acceleration.stop)), v,
-            prices)
+            layout, np.zeros((len(groups.edges), len(regions), layout.acceleration.stop)),
+            v[:, None], prices)
 
     def begin_from(self, coarse: MultiplierSearch) -> None:
         """Take the multipliers of a search on longer groups, with linear potentials."""
@@ -92,9 +109,9 @@ class MultiplierSearch:
         group = np.searchsorted(old.last, (new.first + new.last) // 2)
         # The slack w0 - s, which may be tiny, stays the same.
         v = point.v[group]
-        total = v.sum(-1)
-        new_total = np.clip(self.weight - (coarse.weight[group] - total), 0.02,
-                            self.weight * (1 - 1e-7))
+        total, weight = v.sum(-1), self.weight[:, None]
+        new_total = np.clip(weight - (coarse.weight[group, None] - total), 0.02,
+                            weight * (1 - 1e-7))
         self.point = replace(point, potentials=x.reshape(-1, *point.potentials.shape[1:]),
                              v=v * (new_total / total)[..., None])
 
@@ -116,12 +133,69 @@ class MultiplierSearch:
     def dual(self, tau: float) -> Dual:
         """Add a round of columns, and return the dual function on the best columns."""
         slopes = np.diff(self.point.potentials[..., self.point.layout.slope], axis=0)
-        for i, pool in enumerate(self.pools):
-            pool.add_round(partial(self.evaluate, i, weight=self.weight, v=self.point.v))
+        for cell, pools in enumerate(self.pools):
+            for i, pool in enumerate(pools):
+                pool.add_round(partial(self._evaluate_in_cell, cell, i))
+                if self.thorough:
+                    pool.add_exact(self.find_better(
+                        i, self.cells.take_part(cell, len(self.weight)), self.weight,
+                        self.point.v[:, cell],
+                        self._evaluate_in_cell(cell, i, pool.latest).max(1)))
+        for i, pool in enumerate(self.pools[0]):
             pool.add_silent_places(None if self.point.layout.quadratic else slopes[:, i],
                                    partial(self.evaluate, i))
-        return Dual(self.team, self.weight, [pool.latest for pool in self.pools],
-                    [pool.silent for pool in self.pools], tau)
+        columns = [[self._restrict(cell, i, pool.latest) for i, pool in enumerate(pools)]
+                   for cell, pools in enumerate(self.pools)]
+        return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
+
+    def _evaluate_in_cell(self, cell: int, uav: int, columns: Columns) -> Array:
+        """Return the values of a UAV's columns, (G, C) in nats, with the v of one cell."""
+        return self.evaluate(uav, self._restrict(cell, uav, columns), self.weight,
+                             self.point.v[:, cell])
+
+    def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
+        """Return columns in which places of the last UAV outside a cell are worth nothing."""
+        if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
+            return columns
+        inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
+        return replace(columns, ground=np.where(inside, columns.ground, -WORTHLESS))
+
+    def find_better(self, uav: int, cells: Cells, weight: Array, v: Array,
+                    incumbents: Array) -> Columns:
+        """
+        Return a column of a UAV for every function, (M, 1), by the certificate's branch and bound.
+
+        A function for which nothing is better than its incumbent gets a column that is worth
+        nothing.
+
+        :param cells: C cells of the last UAV; function m is over cell m modulo C.
+        :param weight: w0 of the functions, (M,).
+        :param v: eavesdropper multipliers of the functions, (M, E).
+        :param incumbents: largest values of known columns, (M,) in nats.
+        """
+        def stop() -> bool:
+            self.raise_if_over()
+            return False
+
+        region, potential = self.team.regions[uav], self.potential(uav)
+        cell = np.arange(len(weight)) % len(cells.group)
+        if uav + 1 < len(self.team.regions):
+            cells, cell = Cells.whole(region), cells.group[cell]
+        group, points = cells.group[cell], np.full((len(weight), 3), np.nan)
+        Terms(potential, cells, cell, weight, v, float(self.point.prices[uav]),
+              find_power_range(self.team, uav) if uav else None).bound_maxima(
+                  incumbents + _find_constant(potential)[group], stop, PRICING_BUDGET, points)
+        better = np.isfinite(points[:, 0])
+        place = np.where(better[:, None], points[:, :2], region.bounding_box[0][group])
+        power = np.where(better, np.exp(points[:, 2]), 0.0) if uav else np.zeros(len(weight))
+        columns = Columns.of(region, place[:, None], power[:, None])
+        return replace(columns, ground=np.where(better[:, None], columns.ground, -WORTHLESS))
+
+    def divide_cells(self) -> None:
+        """Divide every cell into four, which begin with its v and its columns."""
+        self.cells = self.cells.quarter(np.arange(len(self.cells.group)))
+        self.point = replace(self.point, v=np.tile(self.point.v, (1, 4, 1)))
+        self.pools = [[copy(pool) for pool in pools] for pools in 4 * self.pools]
 
     def add_quadratic_part(self) -> None:
         """Make the potentials quadratic, beginning with S = 0."""
@@ -167,6 +241,11 @@ class MultiplierSearch:
             self._damping *= 10
         self._damping = 1.0
         return 0.0
+
+
+def _find_constant(potential: Potential) -> Array:
+    """Return the part of a potential's term that values of columns leave out, (G,) in nats."""
+    return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
 
 def _fill_silent_groups(team: Team, watts: Array, sends: NDArray[np.bool_]) -> Array:
@@ -224,21 +303,29 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 def build_multipliers(search: MultiplierSearch) -> Multipliers:
     """Return the multipliers of the certificate, with cells and breakpoints of w0."""
     team, uavs = search.team, range(len(search.team.regions))
-    candidates = [pool.candidates for pool in search.pools]
+    candidates = [ColumnPool.join(list(pools)) for pools in zip(*search.pools)]
+    v = np.concatenate(np.moveaxis(search.point.v, 1, 0))
+    group = search.cells.group
     bounds = SlotBounds(
         team, [(part, search.evaluate(i, part)) for i, part in enumerate(candidates)],
-        float(search.point.prices[0]), search.point.v / search.weight[:, None])
-    cells = bounds.divide(search.weight)
+        float(search.point.prices[0]), search.raise_if_over)
+    cells, ratio = bounds.divide(search.cells, search.weight, v / search.weight[group, None])
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)[:, cells.group]
-    v, incumbents, _ = bounds.minimise(weights, cells)
+    v, incumbents, _ = bounds.minimise(weights, cells, ratio)
+    for _ in range(PRICING_ROUNDS if search.thorough else 0):
+        for i in uavs:
+            better = search.find_better(i, cells, weights.ravel(), v.reshape(-1, v.shape[-1]),
+                                        incumbents[i].ravel()).spread(
+                                            np.tile(cells.group, len(weights)),
+                                            len(search.weight))
+            bounds.add(i, better, search.evaluate(i, better))
+        v, incumbents, _ = bounds.minimise(weights, cells, v / weights[..., None])
     potentials = tuple(map(search.potential, uavs))
-    # The columns' values leave this part of the potentials out.
-    constant = np.array([
-        potential.constant() if potential.is_quadratic else potential.acceleration_cost()
-        for potential in potentials])[:, cells.group]
-    silent = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(search.pools)]
-    places = search.pools[-1].silent.place[cells.group]
+    constant = np.array(list(map(_find_constant, potentials)))[:, cells.group]
+    pools = search.pools[0]
+    silent = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(pools)]
+    places = pools[-1].silent.place[cells.group]
     silent[-1] = np.where(cells.contain(places), silent[-1], -np.inf)
     return Multipliers(
         potentials, search.point.prices, cells, weights, v,

@@ -13,9 +13,13 @@ from .columns import Columns
 from ..proof.reachable_set import Cells, Team
 from ...mission.validation import Array
 from ...model.kernel import core
+from ...optimize.deadline import DeadlineCheck
 
 LEAST_GAIN = 2e-3
 """Least reduction [nats] of a slot's bound for which its reachable set is divided into cells."""
+
+BLOCK = 50
+"""Number of cells between two questions whether the search is over."""
 
 
 class SlotBounds:
@@ -27,46 +31,67 @@ class SlotBounds:
     :param team: the UAVs.
     :param columns: columns of each UAV, and their values without w0 and v, (G, C) in nats.
     :param price: lam of the transmitter [nats per W].
-    :param ratio: v / w0 where each search for v begins, (G, E).
+    :param raise_if_over: called before every block of cells; an error that it raises ends the
+        search.
     """
 
     def __init__(self, team: Team, columns: list[tuple[Columns, Array]], price: float,
-                 ratio: Array) -> None:
-        self._team, self._price, self._ratio = team, price, ratio
-        self._columns = [tuple(np.ascontiguousarray(values) for values in (
-            part.place, base, part.ground, part.leaks)) for part, base in columns]
-        self._listeners = np.zeros(ratio.shape[1], np.int64)
+                 raise_if_over: DeadlineCheck = lambda: None) -> None:
+        self._team, self._price, self._raise_if_over = team, price, raise_if_over
+        self._columns = [_arrange(*part) for part in columns]
+        self._listeners = np.zeros(len(team.regions[0].radii), np.int64)
         for number, places in enumerate(team.listeners):
             self._listeners[places] = number
 
-    def minimise(self, weights: Array, cells: Cells) -> tuple[Array, Array, Array]:
+    def add(self, uav: int, columns: Columns, base: Array) -> None:
+        """Add columns of a UAV, and their values without w0 and v, (G, C) in nats."""
+        self._columns[uav] = tuple(np.concatenate(parts, 1) for parts in zip(
+            self._columns[uav], _arrange(columns, base)))
+
+    def minimise(self, weights: Array, cells: Cells, ratio: Array) -> tuple[Array, Array, Array]:
         """
         Minimise the bounds over v approximately.
 
         :param weights: w0, (K, C).
         :param cells: C cells of the last UAV.
+        :param ratio: v / w0 where each search for v begins, (C, E) or (K, C, E).
         :return: v (K, C, E), the UAVs' terms at v (U, K, C), and the bounds at v (K, C), in nats.
         """
-        v = self._ratio[cells.group] * weights[..., None]
+        v = ratio * weights[..., None]
         terms, bounds = np.empty((len(self._columns), *weights.shape)), np.empty(weights.shape)
-        v, weights, low, high = map(np.ascontiguousarray, (v, weights, cells.low, cells.high))
-        core.minimise_slot_bounds(
-            self._columns, self._listeners, self._price, self._team.regions[0].peak, cells.group,
-            low, high, weights, v, terms, bounds)
+        for first in range(0, len(cells.group), BLOCK):
+            self._raise_if_over()
+            block = slice(first, first + BLOCK)
+            parts = [np.ascontiguousarray(part) for part in (
+                cells.group[block], cells.low[block], cells.high[block], weights[:, block],
+                v[:, block], terms[..., block], bounds[:, block])]
+            core.minimise_slot_bounds(
+                self._columns, self._listeners, self._price, self._team.regions[0].peak, *parts)
+            v[:, block], terms[..., block], bounds[:, block] = parts[4:]
         return v, terms, bounds
 
-    def divide(self, weight: Array) -> Cells:
+    def divide(self, cells: Cells, weight: Array, ratio: Array) -> tuple[Cells, Array]:
         """
-        Return cells of the last UAV's reachable sets, one or four for each group of slots.
+        Divide cells into four where this lowers the bound of a slot by more than LEAST_GAIN.
 
-        A set is quartered if this lowers the bound of a slot by more than LEAST_GAIN.
-
-        :param weight: w0 at which bounds with one and with four cells are compared, (G,).
+        :param cells: C cells of the last UAV.
+        :param weight: w0 at which bounds are compared, (G,).
+        :param ratio: v / w0 where each search for v begins, (C, E).
+        :return: the cells, and their ratios.
         """
-        whole = Cells.whole(self._team.regions[-1])
-        quarters = whole.quarter(whole.group)
-        before, after = (self.minimise(weight[None, cells.group], cells)[2][0]
-                         for cells in (whole, quarters))
+        every = np.arange(len(cells.group))
+        quarters, parent = cells.quarter(every), np.tile(every, 4)
+        before, after = (
+            self.minimise(weight[None, part.group], part, start)[2][0]
+            for part, start in ((cells, ratio), (quarters, ratio[parent])))
         largest = np.full(len(weight), -np.inf)
         np.maximum.at(largest, quarters.group, after)
-        return whole.quarter(np.flatnonzero(before - largest > LEAST_GAIN))
+        chosen = np.flatnonzero(before - largest[cells.group] > LEAST_GAIN)
+        return cells.quarter(chosen), ratio[np.concatenate(
+            [every, np.tile(chosen, 3)])]
+
+
+def _arrange(columns: Columns, base: Array) -> tuple[Array, ...]:
+    """Return the kernel's arrays of columns and of their values `base` without w0 and v."""
+    return tuple(np.ascontiguousarray(values) for values in (
+        columns.place, base, columns.ground, columns.leaks))

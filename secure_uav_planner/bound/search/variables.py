@@ -52,7 +52,7 @@ class GroupLayout(NamedTuple):
     The slices of the parts of a slot group's F unknowns.
 
     :param before: slice of the potentials of all UAVs at the edge before the group.
-    :param v: slice of the eavesdropper multipliers.
+    :param v: slice of the eavesdropper multipliers of all cells, cell by cell.
     :param after: slice of the potentials of all UAVs at the edge after the group.
     :param prices: slice of the prices lam.
     """
@@ -62,11 +62,11 @@ class GroupLayout(NamedTuple):
     after: slice
     prices: slice
 
-    def select_uav(self, i: int) -> NDArray[np.intp]:
-        """Return the indices of v, and of UAV i's potentials at both edges and its price."""
+    def select_uav(self, i: int, v: slice) -> NDArray[np.intp]:
+        """Return the indices of one cell's v, and of UAV i's potentials and price."""
         size = self.before.stop // (self.prices.stop - self.prices.start)
         own = i * size + np.arange(size)
-        return np.r_[self.v, own, self.after.start + own,
+        return np.r_[v, own, self.after.start + own,
                      self.prices.start + i]
 
 
@@ -83,7 +83,7 @@ class DualPoint:
 
     :param layout: layout of the potentials.
     :param potentials: potentials of the UAVs at every edge, (G + 1, U, P).
-    :param v: eavesdropper multipliers, (G, E).
+    :param v: eavesdropper multipliers in each of B cells, (G, B, E).
     :param prices: lam, (U,).
     """
 
@@ -97,7 +97,7 @@ class DualPoint:
         """Return the layout of a group's unknowns."""
         potentials = self.potentials[0].size
         return GroupLayout(*_lay_out(
-            potentials, self.v.shape[1], potentials, len(self.prices)))
+            potentials, self.v[0].size, potentials, len(self.prices)))
 
     def move(self, step: DualPoint, length: float) -> DualPoint:
         """Return this point moved along a step times a length."""
@@ -108,9 +108,9 @@ class DualPoint:
         """
         Return this step, shortened so that v, slack and prices stay positive.
 
-        v is shortened in each group alone, and each price alone.
+        v is shortened in each cell alone, and each price alone.
 
-        :param slack: w0 minus the sum of v at the point, (G,).
+        :param slack: w0 minus the sum of v at the point, (G, B).
         """
         with np.errstate(divide='ignore', invalid='ignore'):
             total = -self.v.sum(-1)

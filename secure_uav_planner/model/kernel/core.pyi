@@ -250,7 +250,7 @@ class Terms:
                  price: float, powers: tuple[float, float] | None) -> None: ...
 
     def bound_maxima(self, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
-                     budget: float) -> None:
+                     budget: float, maximisers: Array) -> None:
         """
         Bound the maxima of functions of a slot group by branch and bound.
 
@@ -259,6 +259,8 @@ class Terms:
             their incumbents.
         :param tolerance: tolerance of each of all functions.
         :param budget: largest number of boxes for each function.
+        :param maximisers: the place and log p of the best point that exceeds the incumbent,
+            (M, 3). Rows of functions without such a point are left as they are.
         """
 
     def bound_box(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
