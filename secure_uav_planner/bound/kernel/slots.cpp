@@ -25,7 +25,7 @@ using kernel::TINY;
 
 namespace {
 
-constexpr double TEMPERATURES[] = {0.02, 2e-3, 2.5e-4};  // In nats.
+constexpr double TEMPERATURES[] = {0.02, 2e-3, 2.5e-4};  // Temperatures in nats.
 constexpr int NEWTON_STEPS = 10;     // Largest number of Newton steps at a temperature.
 constexpr double ENOUGH = 1e-2;      // Decrease, over tau, below which a temperature ends.
 constexpr double BARRIER = 0.1;      // Weight of the barriers, over tau.
@@ -194,7 +194,7 @@ private:
         return bound;
     }
 
-    // The smoothed largest value of a UAV's list, with derivatives added to those of the bound.
+    // Return the smoothed largest value of a UAV's list; add its derivatives to gradient and Hessian.
     double smooth_maximum(const Uav& uav, const std::vector<double>& v, double tau,
                           bool differentiate) {
         const std::size_t count = v.size();
