@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "array.hpp"
+#include "linear.hpp"
 #include "numbers.hpp"
 
 namespace py = pybind11;
@@ -146,7 +147,7 @@ private:
         for (int step = 0; step < NEWTON_STEPS; ++step) {
             const double before = smooth(v, tau, true);
             step_ = gradient_;
-            if (!solve()) return;
+            if (!kernel::solve_dense(hessian_.data(), step_.data(), int(count))) return;
             double decrease = 0.0, sum = 0.0, total = 0.0, length = 1.0;
             for (std::size_t e = 0; e < count; ++e) {
                 decrease += step_[e] * gradient_[e];
@@ -225,31 +226,6 @@ private:
         return top + tau * std::log(total);
     }
 
-    // Replace step_ by the inverse of the Hessian times step_, by a Cholesky factor in place.
-    // Return false if the Hessian is not positive definite.
-    bool solve() {
-        const std::size_t count = step_.size();
-        for (std::size_t i = 0; i < count; ++i)
-            for (std::size_t j = 0; j <= i; ++j) {
-                double sum = hessian_[i * count + j];
-                for (std::size_t k = 0; k < j; ++k)
-                    sum -= hessian_[i * count + k] * hessian_[j * count + k];
-                if (i == j && !(sum > 0)) return false;
-                hessian_[i * count + j] =
-                    i == j ? std::sqrt(sum) : sum / hessian_[j * count + j];
-            }
-        for (std::size_t i = 0; i < count; ++i) {
-            for (std::size_t k = 0; k < i; ++k) step_[i] -= hessian_[i * count + k] * step_[k];
-            step_[i] /= hessian_[i * count + i];
-        }
-        for (std::size_t i = count; i-- > 0;) {
-            for (std::size_t k = i + 1; k < count; ++k)
-                step_[i] -= hessian_[k * count + i] * step_[k];
-            step_[i] /= hessian_[i * count + i];
-        }
-        return true;
-    }
-
     std::vector<std::size_t> listeners_;
     double price_, peak_;
     std::vector<double> totals_, trial_;  // Sums of v over every listener; v after a step.
@@ -312,9 +288,9 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
         }
         double* best = &found[row * places];
         bound.minimise(best);
-        values[row] = bound.find_bound(best);
+        values[row] = bound.constant(best);
         for (std::size_t uav = 0; uav < columns.size(); ++uav)
-            largest[uav * rows + row] = bound.find_maximum(uav, best);
+            values[row] += largest[uav * rows + row] = bound.find_maximum(uav, best);
     }
 }
 

@@ -13,10 +13,13 @@ constexpr double PIVOT_RATIO = 0.6403882032022076;
 // if those entries are 0.
 int find_largest(const double* matrix, int size, int k, int row) {
     int largest = row;
-    for (int j = k; j < size; ++j)
-        if (j != row && std::fabs(matrix[row * size + j]) >
-                            (largest == row ? 0.0 : std::fabs(matrix[row * size + largest])))
-            largest = j;
+    double most = 0.0;
+    for (int j = k; j < size; ++j) {
+        const double entry = std::fabs(matrix[row * size + j]);
+        if (j == row || !(entry > most)) continue;
+        most = entry;
+        largest = j;
+    }
     return largest;
 }
 
@@ -36,11 +39,49 @@ std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     }
 }
 
+// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes its pivot 0
+// if that is negative, and put into column k, from row k on, the vector that is shifted.
+double eliminate_row(double* matrix, int size, int k) {
+    double* upper = matrix + k * size;
+    const double pivot = upper[k];
+    if (pivot == 0.0) return 0.0;  // All of the row is 0.
+    const double inverse = 1.0 / pivot;
+    for (int i = k + 1; i < size; ++i) {
+        double* row = matrix + i * size;
+        const double multiplier = upper[i] * inverse;
+        for (int j = k + 1; j < size; ++j) row[j] -= multiplier * upper[j];
+        row[k] = multiplier;
+    }
+    upper[k] = 1.0;
+    return std::max(0.0, -pivot);
+}
+
+// Eliminate rows k and k + 1, whose block has a negative eigenvalue, from the rows below. Return the
+// shift that makes this eigenvalue 0, and put the vector that is shifted into column k.
+double eliminate_pair(double* matrix, int size, int k) {
+    double *upper = matrix + k * size, *lower = upper + size;
+    const double p = upper[k], q = upper[k + 1], r = lower[k + 1], inverse = 1.0 / (p * r - q * q);
+    // The eigenvector (x, y) of the negative eigenvalue.
+    const double half = 0.5 * (p - r), root = std::sqrt(half * half + q * q);
+    const double scale = 1.0 / std::sqrt(2.0 * root * (root + std::fabs(half)));
+    const double x = scale * (half < 0.0 ? root - half : -q);
+    const double y = scale * (half < 0.0 ? -q : root + half);
+    for (int i = k + 2; i < size; ++i) {
+        double* row = matrix + i * size;
+        const double of_upper = (r * upper[i] - q * lower[i]) * inverse;
+        const double of_lower = (p * lower[i] - q * upper[i]) * inverse;
+        for (int j = k + 2; j < size; ++j) row[j] -= of_upper * upper[j] + of_lower * lower[j];
+        row[k] = x * of_upper + y * of_lower;
+    }
+    upper[k] = x;
+    lower[k] = y;
+    return root - 0.5 * (p + r);
+}
+
 }  // namespace
 
 // The matrix A is factored, P A P^T = L D L^T, where D has blocks of one or two rows (Ashcraft,
 // Grimes and Lewis, 1998), and negative eigenvalues of D become 0 (Cheng and Higham, 1998).
-// A block of two rows always has one negative eigenvalue.
 void find_modification(double* matrix, int size, double* space) {
     double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
     std::vector<int> order(size);
@@ -55,43 +96,12 @@ void find_modification(double* matrix, int size, double* space) {
         std::swap_ranges(a + i * size, a + (i + 1) * size, a + k * size);
         for (int j = 0; j < size; ++j) std::swap(a[j * size + i], a[j * size + k]);
     };
-    // Below the diagonal, column k becomes the vector whose outer product is multiplied by shift k.
     for (int k = 0, rows; k < size; k += rows) {
         const auto [first, second] = choose_pivot(a, size, k);
         rows = first == second ? 1 : 2;
         swap(k, first);
-        double *upper = a + k * size, *lower = upper + size;
-        const double p = upper[k];
-        if (rows == 1) {
-            if (p == 0.0) continue;  // All of its row is 0.
-            const double inverse = 1.0 / p;
-            for (int i = k + 1; i < size; ++i) {
-                double* row = a + i * size;
-                const double multiplier = upper[i] * inverse;
-                for (int j = k + 1; j < size; ++j) row[j] -= multiplier * upper[j];
-                row[k] = multiplier;
-            }
-            upper[k] = 1.0;
-            shifts[k] = std::max(0.0, -p);
-            continue;
-        }
-        swap(k + 1, second == k ? first : second);
-        const double q = upper[k + 1], r = lower[k + 1], inverse = 1.0 / (p * r - q * q);
-        // The eigenvector (x, y) of the negative eigenvalue.
-        const double half = 0.5 * (p - r), root = std::sqrt(half * half + q * q);
-        const double scale = 1.0 / std::sqrt(2.0 * root * (root + std::fabs(half)));
-        const double x = scale * (half < 0.0 ? root - half : -q);
-        const double y = scale * (half < 0.0 ? -q : root + half);
-        for (int i = k + 2; i < size; ++i) {
-            double* row = a + i * size;
-            const double of_upper = (r * upper[i] - q * lower[i]) * inverse;
-            const double of_lower = (p * lower[i] - q * upper[i]) * inverse;
-            for (int j = k + 2; j < size; ++j) row[j] -= of_upper * upper[j] + of_lower * lower[j];
-            row[k] = x * of_upper + y * of_lower;
-        }
-        upper[k] = x;
-        lower[k] = y;
-        shifts[k] = root - 0.5 * (p + r);
+        if (rows == 2) swap(k + 1, second == k ? first : second);
+        shifts[k] = rows == 1 ? eliminate_row(a, size, k) : eliminate_pair(a, size, k);
     }
     for (int k = 0; k < size; ++k) {
         if (!(shifts[k] > 0.0)) continue;

@@ -80,7 +80,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
             fine.grid, fine.x, np.maximum(fine.mu, DESCENT.coarse_mu))
     status = driver.finish(fine)
     if not agreed:
-        if driver.grid.slots <= MULTISTART.hop_slots:
+        if search.full_hops.rounds and driver.grid.slots <= MULTISTART.hop_slots:
             _hop(driver, fine.grid, fine.x, fine.rates(), search, search.full_hops)
         _try_baseline(baseline, incumbent)
         with suppress(*_FAILURES):
