@@ -7,7 +7,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from strategies import missions, random_flight
+from strategies import missions, random_flight, rotate_map
 
 # design: duration, error radius, fly-hover-fly with constant power, before the [x]^+ of each slot,
 # and with optimised power
@@ -36,6 +36,28 @@ def test_rates_are_the_equations_of_the_paper(scenario, seed):
     [wanted] = oracle.secrecy_rates(there, times, positions[:, 1:-1], powers)
     assert channel.secrecy_rates(scenario, positions, powers, place) == pytest.approx(
         wanted, abs=1e-8)
+
+
+@given(missions(), st.integers(0, 2**32 - 1), st.floats(-3, 3), st.floats(-300, 300))
+def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
+    moved, move = rotate_map(scenario, angle, shift)
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert rates(moved, move(positions), powers) == pytest.approx(
+            rates(scenario, positions, powers), abs=1e-6)
+
+
+@pytest.mark.parametrize('field, most', [('error_radius', 100), ('receiver_advantage_db', 30)])
+@given(missions(), st.integers(0, 2**32 - 1), st.floats(0, 1))
+def test_a_larger_error_radius_or_a_better_receiver_never_helps(
+        field, most, scenario, seed, share):
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
+    worse = replace(scenario, eavesdroppers=tuple(
+        replace(eve, **{field: getattr(eve, field) + share * most})
+        for eve in scenario.eavesdroppers))
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert (rates(worse, positions, powers)
+                <= rates(scenario, positions, powers) + 1e-6).all()
 
 
 def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():

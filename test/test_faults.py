@@ -149,6 +149,9 @@ def test_replay_waits_for_a_clock_holds_while_it_stands_and_no_jump_of_it_moves_
                 at = setpoints[-1].pose.position.y
                 clock.jump(earlier)
                 wait_for(lambda: has_flown(50.0, at), what='flight on')
+            # It has begun, although its time is to come once more.
+            assert client.call('replay/pause').success
+            assert client.call('replay/start').message.partition(': playing')[1]
             wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
     place = np.array([(at.pose.position.x, at.pose.position.y) for at in setpoints])
     assert 500.0 - place[0, 1] <= 10.0 * (seconds(setpoints[0].header.stamp) - 1.7e9) + 1e-3

@@ -104,6 +104,15 @@ def test_a_motion_beyond_the_limits_or_that_leads_to_a_jump_is_refused_anywhere_
             refuses(guard, setpoint, reason, limits=limits)
 
 
+def test_setpoints_of_one_source_pass_while_those_of_another_one_jump():
+    guard, x, now = streamed()
+    for number in range(1, 40):
+        now += STEP
+        assert passes(guard, at(x + 0.5 * number, now))
+        assert not passes(guard, at(400.0, now))
+        assert guard.hold(now) is None
+
+
 def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhere():
     guard, x, now = streamed()
     assert guard.hold(now + SECOND // 5) is None

@@ -5,36 +5,54 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from processes import ROOT
 import pytest
-from ros_client import Client, numbers, odometry_message, places_of
+from ros_client import Client, odometry_message, places_of, seconds
 from ros_nodes import has_said, node_process, wait_for, wait_for_line
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': 2.0,
-              'uav2__max_acceleration': 2.0}
+SPEED, ACCELERATION, ALLOWANCE = 10.0, 2.0, 0.011
+PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': ACCELERATION,
+              'uav2__max_acceleration': ACCELERATION}
 
 
 class Stream:
-    """Setpoints of both UAVs; that none jumps is told by test_player.py and test_stories.py."""
+    """Setpoints of both UAVs: time in s, position (3,) and velocity (2,) of each."""
 
     def __init__(self, client):
-        self._poses = {name: client.listen(PoseStamped, f'{name}/setpoint/pose', 1000)
-                       for name in ('uav1', 'uav2')}
+        self.rows = {'uav1': [], 'uav2': []}
+        for name, rows in self.rows.items():
+            client.node.create_subscription(
+                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
+                lambda message, rows=rows: rows.append(self._row(message)), 1000)
 
-    def places(self, name):
-        return np.array([numbers(message.pose.position) for message in self._poses[name]])
+    @staticmethod
+    def _row(message):
+        at = message.points[0].transforms[0].translation
+        velocity = message.points[0].velocities[0].linear
+        return (seconds(message.header.stamp), at.x, at.y, at.z, velocity.x, velocity.y)
 
     def last(self, name):
-        return np.array(numbers(self._poses[name][-1].pose.position, 'xy'))
+        return np.array(self.rows[name][-1][1:3])
 
     def has_begun(self):
-        return all(self._poses.values())
+        return all(self.rows.values())
+
+    def check(self):
+        """Fail if any position or velocity jumps."""
+        for name, rows in self.rows.items():
+            rows = np.array(rows)
+            times, places, velocities = rows[:, 0], rows[:, 1:4], rows[:, 4:]
+            steps = np.diff(times)
+            jumps = np.linalg.norm(np.diff(places, axis=0), axis=1) - SPEED * steps
+            assert jumps.max(initial=0) <= ALLOWANCE, (name, times[jumps.argmax()])
+            changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) - ACCELERATION * steps
+            assert changes.max(initial=0) <= 0.02, (name, times[changes.argmax()])
 
 
 @pytest.fixture
@@ -74,7 +92,7 @@ def plan(client):
     return answer.message
 
 
-def test_a_flight_released_late_paused_and_planned_again_from_there_is_on_its_plan(
+def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_and_on_its_plan(
         flown):
     paths = flown.listen(Path, 'uav1/path')
     plan(flown)
@@ -106,6 +124,7 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_on_its_pl
     assert all(result.successful for result in flown.set_parameters(
         'planner', uav1__altitude=100.0, uav1__use_pose=False, uav2__use_pose=False))
     assert 'it goes on from plan' in plan(flown)
+    flown.stream.check()
     # After a reset they wait until they can be back, and the next plan begins there.
     assert flown.call('replay/reset').success
     answer = flown.call('replay/start')
@@ -169,7 +188,7 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
             time.sleep(0.05)
             return stream.has_begun()
         wait_for(is_started, what='setpoints')
-        assert math.dist(stream.places('uav1')[0], (100.0, 500.0, 100.0)) < 0.1
+        assert math.dist(stream.rows['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1
 
         assert client.set_parameters('replay', speed=30.0)[0].successful
         client.node.create_timer(0.1, report)
@@ -181,11 +200,11 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
         wait_for(lambda: abs(client.status.track.distance['uav1'] - 19.0) < 0.01)
         assert client.call('planner/plan').success
         wait_for_line(replay, '~/start begins it where the UAVs are')
-        count = len(stream.places('uav1'))
+        count = len(stream.rows['uav1'])
         answer = client.call('replay/start')
         assert answer.success and 'playing' in answer.message or 'begins in' in answer.message
         wait_for(lambda: stream.last('uav1')[0] > 115.0, what='a setpoint at the vehicle')
-        nearest = np.linalg.norm(stream.places('uav1')[count:, :2] - places['uav1'], axis=1).min()
+        nearest = min(math.dist(row[1:3], places['uav1']) for row in stream.rows['uav1'][count:])
         assert nearest < 5.0
         wait_for(lambda: stream.last('uav1')[1] > 499.0, what='the other end')
 

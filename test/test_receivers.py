@@ -3,9 +3,14 @@
 from dataclasses import replace
 import math
 
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
 import pytest
 from secure_uav_planner import reference_snr_db, Scenario, solve, upper_bound
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.model import channel
+from strategies import random_flight, scenarios
 
 
 def with_advantages(scenario, *advantages):
@@ -13,6 +18,21 @@ def with_advantages(scenario, *advantages):
     eves = [replace(scenario.eavesdroppers[0], receiver_advantage_db=advantage, name=f'e{number}')
             for number, advantage in enumerate(advantages)]
     return replace(scenario, eavesdroppers=tuple(eves))
+
+
+@given(scenarios(max_eavesdroppers=1), st.floats(-30.0, 30.0), st.integers(0, 2**32 - 1))
+def test_an_advantage_is_that_much_more_snr_at_the_eavesdropper_alone(scenario, advantage, seed):
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
+    with_it, without = with_advantages(scenario, advantage), with_advantages(scenario, 0.0)
+    stronger = replace(without, reference_snr_db=scenario.reference_snr_db + advantage)
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        leak = channel.ground_rates(with_it, positions, powers) - rates(
+            with_it, positions, powers)
+        expected = channel.ground_rates(stronger, positions, powers) - rates(
+            stronger, positions, powers)
+        assert leak == pytest.approx(expected, abs=2e-6)
+    assert (channel.ground_rates(with_it, positions, powers)
+            == channel.ground_rates(without, positions, powers)).all()
 
 
 @pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])

@@ -13,9 +13,10 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
-from ros_nodes import has_said, node_here, wait_for
+from ros_nodes import has_said, node_here, node_process, PATIENCE, wait_for
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.mission.tracks import interpolate
+from secure_uav_planner.model import channel
 from secure_uav_planner.plan.flight import Flight
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.tracking import PlanClock
@@ -26,6 +27,8 @@ from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.solver import Job
 from simulation import Simulation
 
+NOISE = 5.0  # m along each axis, of measurements
+PERIOD = 0.5  # s apart.
 CAR_SPEED = 12.0  # m/s towards +y
 NOW = 1000.0  # s
 RADIUS_PER_DEVIATION = error_radius(np.eye(2), SETTINGS.confidence)
@@ -275,6 +278,93 @@ def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction
             answer.message)
         wait_for(lambda: client.statuses[-1].level == DiagnosticStatus.WARN)
         assert math.isnan(client.status.plan.guaranteed_rate)
+
+
+class Filter:
+    """A Kalman filter of a receiver that drives straight on: measurements at PERIOD."""
+
+    def __init__(self, first):
+        self.state = np.array([first, np.zeros(2)])  # Position and velocity, axes in columns.
+        self.covariance = np.diag([NOISE**2, 15.0**2])
+
+    def add(self, measured):
+        step = np.array([[1.0, PERIOD], [0.0, 1.0]])
+        self.state = step @ self.state
+        self.covariance = step @ self.covariance @ step.T
+        gain = self.covariance[:, 0] / (self.covariance[0, 0] + NOISE**2)
+        self.state = self.state + np.outer(gain, measured - self.state[0])
+        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+
+
+def test_a_driving_eavesdropper_never_learns_more_than_was_promised(client, tmp_path):
+    duration, file, rng = 120.0, tmp_path / 'plan.json', np.random.default_rng(1)
+    speed, begin, lead = 10.0, 20.0, 3.0
+    plans, publishers = [], []
+
+    def place(now):
+        """Return where it is; the flight begins when it has been observed for a while."""
+        return np.array([200.0, speed * (now - 1000.0 - begin - duration / 2)])
+
+    filtered, sent = Filter(place(1000.0) + NOISE * rng.standard_normal(2)), [1000.0]
+
+    def observe(now):
+        while publishers and (at := sent[-1] + PERIOD) < now:
+            filtered.add(place(at) + NOISE * rng.standard_normal(2))
+            sent.append(at)
+            (x, y), velocity = filtered.state
+            variance, velocity_variance = np.diag(filtered.covariance)
+            publishers[0].publish(odometry_message(
+                x, y, velocity, stamp=stamp_at(at), variance=variance,
+                velocity_variance=velocity_variance))
+            client.send_pose('ground_node/pose', 0, 0, stamp=stamp_at(at), until_known=False)
+
+    def keep_plan():
+        if file.exists():
+            plan = Plan.load(file)
+            if not plans or plan.identity != plans[-1].identity:
+                plans.append(plan)
+
+    with node_process(
+            'planner', use_sim_time='true', duration=duration, slots=120, confidence=0.9999,
+            replan_period=5.0, replan_lead=lead, plan_file=str(file), objective='guaranteed',
+            **{f'{uav}.max_acceleration': 2.0 for uav in ('uav1', 'uav2')}), \
+            Simulation(client, observe, speedup=6) as simulation:
+        publishers.append(client.publisher(Odometry, 'eavesdropper/odom'))
+        wait_for(lambda: simulation.now > 1000.0 + begin, what='the estimate')
+        wait_for(lambda: client.call('planner/plan').success)
+        client.follow(lambda: simulation.now)
+
+        def has_ended():
+            keep_plan()
+            return client.status.track.time > duration
+        wait_for(has_ended, patience=10 * PATIENCE, what='the end of the mission')
+        last_status = client.status
+
+    first, last = plans[0], plans[-1]
+    times = first.start_ns * 1e-9 + first.times[1:-1]
+    truth = np.array([place(at) for at in times])
+    # A slot is flown by the last plan, and promised for by the plan that settled it.
+    settled = np.full(len(times), 0)
+    for number, (before, after) in enumerate(zip(plans, plans[1:]), start=1):
+        changed = np.flatnonzero((before.positions != after.positions).any(axis=(0, 2))[1:-1]
+                                 | (before.powers != after.powers).any(axis=0))
+        if changed.size:
+            settled[changed[0]:] = number
+    # Only from the measurement to the horizon is anything promised.
+    tracked = [plan.scenario.eavesdroppers[0].track for plan in plans]
+    covered = np.array([track[0][0] <= time <= track[-1][0] for track, time in zip(
+        (tracked[number] for number in settled), first.times[1:-1])])
+    promised = np.where(covered, [plans[number].guaranteed_rates[slot]
+                                  for slot, number in enumerate(settled)], 0.0)
+    achieved = np.maximum(channel.secrecy_rates(
+        last.scenario, last.positions, last.powers, truth), 0.0)
+    print(f'promised {promised.mean():.3f}, achieved {achieved.mean():.3f} bit/s/Hz, '
+          f'{last_status.replans} replans, {np.count_nonzero(covered)} slots with a promise')
+    assert last_status.replans >= 5
+    assert {plan.start_ns for plan in plans} == {first.start_ns}  # One flight.
+    assert (achieved >= promised - 1e-9).all()
+    assert covered.mean() > 0.5 and promised.mean() > 0
+    assert last_status.plan.promised_until <= 121.0
 
 
 def test_tracks_of_a_mission_file_count_until_an_estimate_comes(client, tmp_path):
