@@ -14,8 +14,9 @@ import oracle
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
-from secure_uav_planner.errors import NumericalError
+from secure_uav_planner.errors import NumericalError, TimeLimitError
 from secure_uav_planner.model.problem import Problem
+from secure_uav_planner.optimize.deadline import Deadline
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import adapt_plan, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver, SolverDriver
@@ -278,3 +279,18 @@ def test_slots_that_a_local_optimum_has_lost_carry_again_or_are_silent(objective
     assert mended.rate > lost and mended.rate == pytest.approx(plan.rate, rel=1e-3)
     idle = rates <= 1e-3 * rates.mean()
     assert np.count_nonzero(~idle) == carrying and not mended.powers[:, idle].any()
+
+
+def test_a_search_ends_with_time_left_for_its_last_proposals():
+    """An incumbent's deadline is over when less time is left than a proposal has taken."""
+    class NearlyOver(Deadline):
+        """A deadline 1 ns ahead."""
+
+        time_left = 1e-9
+
+    deadline = NearlyOver()
+    deadline.raise_if_over()
+    plan = fly_hover_fly(Scenario.paper(100))
+    incumbent = Incumbent(Problem(plan.scenario), plan.positions, plan.powers, deadline)
+    with pytest.raises(TimeLimitError):
+        incumbent.raise_if_over()

@@ -1,6 +1,7 @@
 """The state of one call of solve: its best feasible iterate, its history and its end."""
 
 import math
+import time
 
 import numpy as np
 
@@ -52,6 +53,7 @@ class Incumbent:
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self.rate = powers, -math.inf
         self._keeps_energy = True
+        self._longest = 0.0  # Longest duration of try_improve [s].
         self.try_improve()
         if not problem.keeps_energy(positions):
             self._keeps_energy, self.rate = False, -math.inf
@@ -66,6 +68,7 @@ class Incumbent:
         :param powers: (U, N) in W, or None for the present powers.
         :return: the gain [bit/s/Hz], or 0 if the iterate is not kept.
         """
+        began = time.monotonic()
         if positions is None:
             if not self._keeps_energy:
                 return 0.0  # Other powers do not make these flights feasible.
@@ -79,6 +82,7 @@ class Incumbent:
         rates = np.where(rates > self._negligible, rates, 0.0)
         shares = find_shares(self.scenario, rates)
         rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
+        self._longest = max(self._longest, time.monotonic() - began)
         gain = rate - self.rate
         if not gain > 0:  # A gain that is NaN is refused as well.
             return 0.0
@@ -86,6 +90,13 @@ class Incumbent:
         self._keeps_energy = True
         self._rates = (shares * rates).sum(axis=0)
         return gain
+
+    def raise_if_over(self) -> None:
+        """Call Deadline.raise_if_over, with time left for a last proposal to each incumbent."""
+        reserve, parent = self._longest, self._parent
+        while parent is not None:
+            reserve, parent = reserve + parent._longest, parent._parent
+        self.deadline.raise_if_over(reserve)
 
     def try_less_jamming(self) -> None:
         """

@@ -152,7 +152,7 @@ class SolverDriver:
     def __init__(self, incumbent: Incumbent, grid: Grid | None = None,
                  elevation_offset: float = 0.0) -> None:
         self.incumbent = incumbent
-        self.raise_if_over = incumbent.deadline.raise_if_over
+        self.raise_if_over = incumbent.raise_if_over
         self.grid = incumbent.problem.grid if grid is None else grid
         self._elevation_offset = elevation_offset
         self.optima: Optima | None = None

@@ -78,7 +78,7 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
         return status
     status = run_to_end(improve_within_energy, driver, unlimited, guaranteed.optima)
     if math.isinf(incumbent.rate):
-        incumbent.deadline.raise_if_over()
+        incumbent.raise_if_over()
         raise InfeasibleMissionError(
             'no flights were found that keep max_energy and all other limits', ('uavs',))
     return status
