@@ -127,7 +127,7 @@ class PlannerStatus:
     """
     The status of the planner.
 
-    :ivar level: of diagnostics, as bytes.
+    :ivar level: level of a DiagnosticStatus, as bytes.
     :ivar text: problems, and the outcome of the last request or the progress of a solve.
     """
 
