@@ -90,8 +90,8 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
 
     :param before: a track, or a single knot for a receiver that stands.
     :param after: a track, or a single knot for a receiver that stands.
-    :param time: in s.
-    :param step: in s.
+    :param time: end of the first track [s].
+    :param step: time [s] in which the receiver changes from the first track to the second.
     :return: the track; None for a receiver that stands in the same place before and after.
     """
     if before == after:
