@@ -99,7 +99,7 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
     joined, = interpolate(after, np.array([time + step]))
     left, = interpolate(before, np.array([time]))
     jump = float(np.hypot(*(joined - left)[:2]))
-    begin = min(time, time + step - 1.001 * jump / MAX_SPEED)
+    begin = min(time, time + step - 1.001 * jump / MAX_SPEED)  # 0.1% slower than MAX_SPEED.
     left, = interpolate(before, np.array([begin]))
     return (*(knot for knot in before if knot[0] < begin), (begin, *left.tolist()),
             (time + step, *joined.tolist()), *(knot for knot in after if knot[0] > time + step))

@@ -348,7 +348,7 @@ class AchievedRates:
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
-        self._last = math.inf
+        self._last = math.inf  # Time [s] of the plan at the last call of add.
         self._flown = 0.0  # Time [s] that has been flown within slots.
         self._sums = np.zeros(3)  # Measured time [s], achieved and planned information [bit/Hz].
 

@@ -113,6 +113,7 @@ class VehicleLog:
         """Return whether a position is known at times (L,): on a sample, and not in a gap."""
         steps = np.diff(self.times)
         is_whole = steps <= LONGEST_GAP
+        # A step with a jump is a gap, except a short one.
         jumps = np.searchsorted(self.times, self.jumps, 'right') - 1
         jumps = jumps[(jumps >= 0) & (jumps < len(steps))]
         is_whole[jumps[steps[jumps] > _SHORT_S]] = False
