@@ -26,8 +26,8 @@ class PlanningError(Exception):
     """
     The root of all errors of this package.
 
-    :param text: the message; or its predicate, such as 'is 5; it must be ...', of which add_path
-        completes the subject.
+    :param text: the message, or a predicate such as 'is 5; it must be ...', to which add_path adds
+        the subject.
     :param place: path of the wrong field, empty if no field is to blame.
     :param subject: path of the predicate's subject inside of the field, None if the message is
         whole.

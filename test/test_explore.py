@@ -2,6 +2,7 @@
 
 from concurrent.futures import wait
 from contextlib import contextmanager, suppress
+from copy import copy
 from dataclasses import replace
 from http.client import HTTPConnection
 import json
@@ -18,6 +19,7 @@ import pytest
 from secure_uav_planner import Plan, Scenario, solve
 from secure_uav_planner.apps.editing import list_handles, to_mission
 from secure_uav_planner.apps.explore import Editor
+from secure_uav_planner.apps.layout import list_rates
 from secure_uav_planner.apps.mission_text import MissionText
 from secure_uav_planner.mission.formats.mission_file import read_mission
 from secure_uav_planner.output.drawing import map_extent
@@ -273,6 +275,7 @@ def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):
     page.wait_for_change(before)
     difference = solve(page.mission).rate - kept.rate
     assert f'{difference:+.2f}' in page.text('words') and 'against' in page.text('words')
+    assert list_rates(copy(kept), kept)[-1].children[0].children == '0.00'
     grey = page.browser.execute_script("""
         return document.querySelector('#map .js-plotly-plot').data
             .filter(trace => trace.line.color === '#BBBBBB').map(trace => [trace.x, trace.y]);""")

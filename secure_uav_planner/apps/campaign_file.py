@@ -113,13 +113,13 @@ def _checked_limit(value: Any) -> Any:
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
     """Return a list of allowed names; if _OWN is allowed, each `module:function` is, too."""
-    own = [item for item in value if isinstance(item, str) and ':' in item] if (
+    schemes = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
-            item in (*allowed, *own) for item in value):
+            item in (*allowed, *schemes) for item in value):
         raise refuse(value, f'a list of {", ".join(allowed)}')
     with _blaming_field():
-        for scheme in own:
+        for scheme in schemes:
             load_scheme(scheme)
     return value
 
@@ -220,16 +220,18 @@ class Campaign(Checked):
         Baselines and the user's own planners get the objectives of the methods of solve.
         """
         methods = self.methods or METHODS[:1]
-        own: dict[str, list[str]]
+        by_method: dict[str, list[str]]
         shared: list[str]
         if self.objectives is None:
-            own = {method: [check_objective(method)] for method in methods if method in METHODS}
-            shared = list(dict.fromkeys(chain(*own.values()))) or [check_objective(METHODS[0])]
+            by_method = {
+                method: [check_objective(method)] for method in methods if method in METHODS}
+            shared = list(dict.fromkeys(chain(*by_method.values()))) or [
+                check_objective(METHODS[0])]
         else:
             shared = self.objectives
-            own = {'alternating': [name for name in shared if name == OBJECTIVES[0]]}
+            by_method = {'alternating': [name for name in shared if name == OBJECTIVES[0]]}
         return [(method, objective) for method in methods
-                for objective in own.get(method, shared)]
+                for objective in by_method.get(method, shared)]
 
     @property
     def size(self) -> int:

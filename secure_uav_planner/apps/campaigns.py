@@ -99,8 +99,8 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
             f'jobs is {quote(jobs)}; it must be a whole number from 1, or -1 for all cores')
     journal = folder / journal_name(shard)
     with _open_journal(journal) as file:
-        kept = _read_rows(folder)
-        rows = {task['key']: _finished_row(kept.get(task['key']), task, folder)
+        recorded = _read_rows(folder)
+        rows = {task['key']: _finished_row(recorded.get(task['key']), task, folder)
                 for task in tasks()}
         if shard is not None:  # Keys are digests: each share has missions of all kinds.
             number, count = shard

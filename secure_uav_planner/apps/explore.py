@@ -256,7 +256,8 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
 
     :param is_new: whether the page does not show the shapes of this version yet.
     :param ticks: number of ticks so far; one more follows while the solve runs.
-    :return: the outputs of the callback `follow` without the last one.
+    :return: the outputs of the callback `follow` in their order, except the last one, `drawn`.
+        The class 'old' fades the rates of the last plan while another one is awaited.
     """
     on_map = Patch()
     if is_new:

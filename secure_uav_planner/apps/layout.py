@@ -182,7 +182,7 @@ def widen(extent: Any) -> Any:
 
 
 def list_rates(plan: Plan, kept: Plan) -> list[html.Div]:
-    """Return the two rates of a plan in large type, and its difference to the plan kept."""
+    """Return both rates of a plan in large type, and the difference from the kept plan's rate."""
     promise, channel = plan.promise, plan.scenario.channel
     rates = (('worst_case', promise.worst_case_rate, 'dashed'),
              ('guaranteed', promise.guaranteed_rate, 'solid'))
@@ -191,7 +191,8 @@ def list_rates(plan: Plan, kept: Plan) -> list[html.Div]:
         html.Small(f'{channel.rate_name(name)}{promise.text} (bit/s/Hz)')], className='rate')
         for name, rate, style in rates]
     if plan is not kept:
-        shown.append(html.Div([html.B(f'{plan.rate - kept.rate:+.2f}'),
+        difference = round(plan.rate - kept.rate, 2)
+        shown.append(html.Div([html.B(f'{difference:+.2f}' if difference else '0.00'),
                                html.Small('bit/s/Hz against the plan kept')], className='rate'))
     return shown
 

@@ -171,17 +171,22 @@ def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
 
 def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: Any) -> tuple[
         int, int, str]:
-    """Return (start, end, new words) of the part of a text that sets or removes a value."""
+    """
+    Return (start, end, new words) of the part of a text that sets or removes a value.
+
+    :param wanted: plain values of the whole mission after all changes.
+    """
     node, depth = root, 0
     while depth < len(path) and (child := _find_child(node, path[depth])) is not None:
         owner, node, depth = node, child, depth + 1
     if depth == len(path) and value is not _REMOVED:
         return node.start_mark.index, _find_end(text, node), format_value(value)
     if depth == len(path):
-        if owner.flow_style:
+        if owner.flow_style:  # A list or mapping in one line is written anew.
             return (owner.start_mark.index, owner.end_mark.index,
                     format_value(reduce(operator.getitem, path[:-1], wanted)))
         return _find_lines(text, owner, path[-1])
+    # The text has no such value yet: it is added at the end of the innermost block.
     words = format_value(reduce(operator.getitem, path[:depth + 1], wanted))
     if isinstance(node, yaml.MappingNode):
         words = f'{path[depth]}: {words}'

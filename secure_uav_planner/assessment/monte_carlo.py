@@ -169,10 +169,10 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
             _rates(scenario, positions, plan.powers, draws, seed, world)):
         shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
         rates = shared.sum(axis=0)
-        kept = rates >= promised[slot] - _ROUNDING
+        is_kept = rates >= promised[slot] - _ROUNDING
         sums += shared
-        delivered += step * promised[slot] * kept
-        outages[slot] = np.count_nonzero(~kept) / draws
+        delivered += step * promised[slot] * is_kept
+        outages[slot] = np.count_nonzero(~is_kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
     least = ((sums / count + scenario.node_offsets[:, None])
              / scenario.node_weights[:, None]).min(axis=0)

@@ -161,11 +161,12 @@ def draw_tracking_errors(scenario: Scenario, world: World, draws: int,
     They are a stationary Gauss-Markov process: normal in x and in y, correlated over time.
     """
     rng, shape = make_stream(seed, _TRACKING), (len(scenario.uavs), draws, 2)
-    kept = math.exp(-scenario.slot_duration / world.tracking_time) if world.tracking_time else 0.0
+    step, decay = scenario.slot_duration, world.tracking_time
+    correlation = math.exp(-step / decay) if decay else 0.0
     offsets = world.tracking_std * rng.standard_normal(shape)
     while True:
         yield offsets
-        offsets = kept * offsets + world.tracking_std * math.sqrt(1 - kept**2) * (
+        offsets = correlation * offsets + world.tracking_std * math.sqrt(1 - correlation**2) * (
             rng.standard_normal(shape))
 
 
@@ -186,10 +187,10 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
     shape = len(positions), receivers, draws
     numbers = rng.random(shape)
     yield numbers
-    way = np.cumsum(np.linalg.norm(np.diff(positions, axis=1), axis=-1), axis=1)
-    stretch = np.floor(way / distance) if distance else np.broadcast_to(
-        np.arange(way.shape[1]) + 1.0, way.shape)
-    changes = np.diff(stretch, axis=1, prepend=0.0) > 0
+    distances = np.cumsum(np.linalg.norm(np.diff(positions, axis=1), axis=-1), axis=1)
+    stretches = np.floor(distances / distance) if distance else np.broadcast_to(
+        np.arange(distances.shape[1]) + 1.0, distances.shape)
+    changes = np.diff(stretches, axis=1, prepend=0.0) > 0
     for changed in changes.T:
         numbers = numbers.copy()
         numbers[changed] = rng.random((np.count_nonzero(changed), *shape[1:]))

@@ -308,9 +308,10 @@ class FieldChecks(ErrorList):
 
     def __init__(self, kind: 'type[Checked]', item: Any, name: str) -> None:
         super().__init__()
-        own = getattr(item, 'name', None)
+        own_name = getattr(item, 'name', None)
         self.item = item
-        self.owner = f'{quote(own)[1:-1]}.' if own and isinstance(own, str) else kind._OWNER
+        self.owner = (f'{quote(own_name)[1:-1]}.' if own_name and isinstance(own_name, str)
+                      else kind._OWNER)
         self._missing = _find_missing(item)
         if self._missing:
             self.append(_make_error(name, f'lacks {", ".join(self._missing)}'))

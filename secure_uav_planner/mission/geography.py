@@ -73,41 +73,42 @@ class Origin(Checked):
 
     def _convert(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
         """Convert places to the local frame, unchecked; longitudes may exceed 180 degrees."""
-        own, target = np.radians(self.latitude), np.radians(latitude)
+        centre, target = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':
-            cosine = np.sin(own) * np.sin(target) + np.cos(own) * np.cos(target) * np.cos(turn)
+            cosine = (np.sin(centre) * np.sin(target)
+                      + np.cos(centre) * np.cos(target) * np.cos(turn))
             # The scale is radius * angle / sin(angle), which is the radius at angle 0.
             scale = _RADIUS['px4'] / np.sinc(np.arccos(np.clip(cosine, -1, 1)) / np.pi)
-            north = scale * (np.cos(own) * np.sin(target)
-                             - np.sin(own) * np.cos(target) * np.cos(turn))
+            north = scale * (np.cos(centre) * np.sin(target)
+                             - np.sin(centre) * np.cos(target) * np.cos(turn))
             east = scale * np.cos(target) * np.sin(turn)
         else:
-            north = (target - own) * _RADIUS['ardupilot'] + 0 * turn
-            east = turn * _RADIUS['ardupilot'] * np.cos((target + own) / 2)
+            north = (target - centre) * _RADIUS['ardupilot'] + 0 * turn
+            east = turn * _RADIUS['ardupilot'] * np.cos((target + centre) / 2)
         return east, north
 
     def to_geographic(self, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
         """
         Convert points of the local frame to places; the inverse of to_local.
 
-        :param east: in m.
-        :param north: in m; its shape broadcasts with the shape of east.
+        :param east: distances to the east of the origin in m.
+        :param north: distances to the north in m, in a shape that broadcasts with `east`.
         :return: latitudes from -90 to 90 and longitudes from -180 to 180 in degrees.
         :raises OptionError: for points more than 100 km from the origin.
         """
         east, north = checked_array('east', east), checked_array('north', north)
         _check_distance(east, north)
-        own = np.radians(self.latitude)
+        centre = np.radians(self.latitude)
         if self.projection == 'px4':
             angle = np.hypot(east, north) / _RADIUS['px4']
             scale = np.sinc(angle / np.pi) / _RADIUS['px4']
-            latitude = np.arcsin(np.cos(angle) * np.sin(own) + north * scale * np.cos(own))
+            latitude = np.arcsin(np.cos(angle) * np.sin(centre) + north * scale * np.cos(centre))
             turn = np.arctan2(east * scale,
-                              np.cos(own) * np.cos(angle) - north * scale * np.sin(own))
+                              np.cos(centre) * np.cos(angle) - north * scale * np.sin(centre))
         else:
-            latitude = own + north / _RADIUS['ardupilot'] + 0 * east
-            turn = east / (_RADIUS['ardupilot'] * np.cos((latitude + own) / 2))
+            latitude = centre + north / _RADIUS['ardupilot'] + 0 * east
+            turn = east / (_RADIUS['ardupilot'] * np.cos((latitude + centre) / 2))
         longitude = (self.longitude + np.degrees(turn) + 180) % 360 - 180
         return np.degrees(latitude), longitude
 

@@ -31,9 +31,9 @@ class Vehicle:
     """
     The ends of a flight and the limits of its vehicle.
 
-    :param displacement: from start to goal, (x, y) in m.
+    :param displacement: goal minus start, (x, y) in m.
     :param max_speed: V in m/s.
-    :param max_acceleration: in m/s^2, infinite for no limit.
+    :param max_acceleration: largest acceleration [m/s^2], infinite for no limit.
     :param start_velocity: (x, y) in m/s, or None if any is allowed.
     :param goal_velocity: (x, y) in m/s, or None if any is allowed.
     """

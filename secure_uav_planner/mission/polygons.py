@@ -76,8 +76,8 @@ def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
         right = next((part for part in parts if _has_edge(part, second, first)), None)
         if left is None or right is None:
             continue
-        at, to = left.index(second), right.index(first)
-        merged = left[at:] + left[:at] + (right[to:] + right[:to])[1:-1]
+        begin, end = left.index(second), right.index(first)
+        merged = left[begin:] + left[:begin] + (right[end:] + right[:end])[1:-1]
         if _cross_products(corners[merged]).min() >= -_area_tolerance(corners):
             parts = [part for part in parts if part not in (left, right)] + [merged]
     return tuple(read_only(corners[part]) for part in parts)
@@ -161,29 +161,30 @@ def _area_tolerance(corners: Array) -> float:
 
 def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
     """Triangulate by cutting off ears; return triangles and diagonals as indices of corners."""
-    left, tolerance = list(range(len(corners))), _area_tolerance(corners)
+    indices, tolerance = list(range(len(corners))), _area_tolerance(corners)
     triangles, diagonals = [], []
-    while len(left) > 3:
-        products = _cross_products(corners[left])
-        reflex = corners[left][products <= tolerance]
-        for at in np.flatnonzero(products > tolerance).tolist():
-            ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
+    while len(indices) > 3:
+        products = _cross_products(corners[indices])
+        reflex = corners[indices][products <= tolerance]
+        for corner in np.flatnonzero(products > tolerance).tolist():
+            ear = [indices[corner - 1], indices[corner], indices[(corner + 1) % len(indices)]]
             if not _contains_any(corners[ear], reflex, tolerance):
                 triangles.append(ear)
                 diagonals.append((ear[0], ear[2]))
                 break
         else:  # Rounding hides every ear: cut off the triangle of least area.
-            at = int(np.abs(products).argmin())
-        del left[at]
-    return [*triangles, left], diagonals
+            corner = int(np.abs(products).argmin())
+        del indices[corner]
+    return [*triangles, indices], diagonals
 
 
 def _contains_any(triangle: Array, points: Array, tolerance: float) -> bool:
     """Return True if a triangle contains any of the points, its own corners excepted."""
     edges = np.roll(triangle, -1, axis=0) - triangle
-    to = points[:, None] - triangle
-    inside = (edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0] >= -tolerance).all(axis=1)
-    corner = (to == 0).all(axis=2).any(axis=1)
+    offsets = points[:, None] - triangle
+    inside = (edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
+              >= -tolerance).all(axis=1)
+    corner = (offsets == 0).all(axis=2).any(axis=1)
     return bool((inside & ~corner).any())
 
 

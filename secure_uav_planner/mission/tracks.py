@@ -90,8 +90,8 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
 
     :param before: a track, or a single knot for a receiver that stands.
     :param after: a track, or a single knot for a receiver that stands.
-    :param time: in s.
-    :param step: in s.
+    :param time: end of the first track [s].
+    :param step: time [s] in which the receiver changes from the first track to the second.
     :return: the track; None for a receiver that stands in the same place before and after.
     """
     if before == after:
@@ -99,7 +99,7 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
     joined, = interpolate(after, np.array([time + step]))
     left, = interpolate(before, np.array([time]))
     jump = float(np.hypot(*(joined - left)[:2]))
-    begin = min(time, time + step - 1.001 * jump / MAX_SPEED)
+    begin = min(time, time + step - 1.001 * jump / MAX_SPEED)  # 0.1% slower than MAX_SPEED.
     left, = interpolate(before, np.array([begin]))
     return (*(knot for knot in before if knot[0] < begin), (begin, *left.tolist()),
             (time + step, *joined.tolist()), *(knot for knot in after if knot[0] > time + step))

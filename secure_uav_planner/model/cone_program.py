@@ -21,8 +21,9 @@ from ..mission.kinematics import Vehicle
 from ..mission.scenario import Scenario
 from ..mission.validation import Array, read_only
 
-_ANSWERS = 'Solved', 'AlmostSolved', 'InsufficientProgress'  # As near as doubles come.
-_ACCURACY = 1e-9  # Of the least utilisation.
+# Statuses of Clarabel whose answers are used: rounding may allow no further progress.
+_ANSWERS = 'Solved', 'AlmostSolved', 'InsufficientProgress'
+_ACCURACY = 1e-9  # Accuracy of the least utilisation.
 _LOG = logging.getLogger(__name__)
 
 
@@ -43,7 +44,7 @@ def solve_cone_program(
     :param right: b, (M,).
     :param equalities: number of rows of s that are 0.
     :param inequalities: number of rows of s that are not negative.
-    :param accuracy: of the duality gap and of the constraints.
+    :param accuracy: tolerance of the duality gap and of the constraints.
     :param raise_if_over: called after each iteration; its exception ends the solve and is passed
         on.
     :return: x, (K,), or None if Clarabel finds no solution.
@@ -137,11 +138,11 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     displacement = np.array(vehicle.displacement)
     begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
                   for velocity in (vehicle.start_velocity, vehicle.goal_velocity))
-    given = np.concatenate([begin, np.zeros((moves, 2)), end])
-    change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
+    ends = np.concatenate([begin, np.zeros((moves, 2)), end])
+    change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(ends) - 1, len(ends)))
     vectors = scipy.sparse.vstack([
-        scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-len(begin))])
-    constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
+        scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(ends), moves, k=-len(begin))])
+    constants = np.concatenate([np.zeros((moves, 2)), np.diff(ends / top, axis=0)])
     limits = np.zeros((len(constants), 3))
     limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, gain / top)
     unit = max(1.0, math.hypot(*vehicle.displacement))

@@ -46,9 +46,9 @@ class Energy(NamedTuple):
     """
     Energy of one UAV's flight, from when the first UAV leaves until the last one arrives.
 
-    :ivar total: in J.
-    :ivar hovering: while it is slower than HOVERING_SPEED times its max_speed, in J.
-    :ivar flying: while it is not, in J.
+    :ivar total: energy of the whole flight [J].
+    :ivar hovering: energy while the UAV is slower than HOVERING_SPEED times its max_speed [J].
+    :ivar flying: energy while the UAV is not hovering [J].
     """
 
     total: float
@@ -60,7 +60,7 @@ class Curve:
     """
     The flight of all UAVs as a function of time.
 
-    :param scenario: of the UAVs.
+    :param scenario: Scenario of the UAVs.
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
     :ivar begin: time at which the UAVs leave their starts, in s from point 0.
     :ivar end: time at which the UAVs reach their goals, in s from point 0.
@@ -105,16 +105,16 @@ class Curve:
         return velocities[:, 1:-1], velocities[:, 1:-1]
 
     def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the polyline, by slots."""
+        """Return position, velocity and acceleration of the polyline, in m and slots."""
         inside = np.clip(nodes, 0, self._last)
         node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
-        by = np.where(node < self._last, inside - node, 0.0)[:, None]
+        share = np.where(node < self._last, inside - node, 0.0)[:, None]
         flying = (nodes >= -1e-9) & (node < self._last)
         move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
-        return self._points[:, node] + by * move, move, np.zeros_like(move)
+        return self._points[:, node] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the B-spline, by slots."""
+        """Return position, velocity and acceleration of the B-spline, in m and slots."""
         inside = np.clip(nodes, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == nodes)[:, None]
@@ -133,17 +133,18 @@ def add_end_moves(moves: Array, ends: Array) -> Array:
 
 def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
     """
-    Return position, velocity and acceleration of a B-spline by slots, (U, K, 2) each.
+    Return position, velocity and acceleration of a B-spline, (U, K, 2), with time in slots.
 
     :param points: control points, (U, M, 2).
     :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2).
     :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
     """
     node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
-    by = (nodes - node)[:, None]
+    delay = (nodes - node)[:, None]
     before, after = moves[:, node], moves[:, 1 + node]
     slope, bend = (before + after) / 2, after - before
-    return points[:, node] + slope * by + bend * (by**2 / 2 + 0.125), slope + bend * by, bend
+    positions = points[:, node] + slope * delay + bend * (delay**2 / 2 + 0.125)
+    return positions, slope + bend * delay, bend
 
 
 def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
@@ -201,8 +202,8 @@ def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: flo
         pieces = min(max(pieces, 1), _MOST_PIECES)
         for piece in range(pieces):
             for place, weight in GAUSS_LEGENDRE:
-                at = before[index] + (piece + 0.5 + place) / pieces * change
-                speeds = np.hypot(at[:, 0], at[:, 1])
+                velocities = before[index] + (piece + 0.5 + place) / pieces * change
+                speeds = np.hypot(velocities[:, 0], velocities[:, 1])
                 joules = uav.propulsion.power(speeds) * (weight * step / pieces)
                 hovers = speeds < HOVERING_SPEED * uav.max_speed
                 energies[index] += joules[hovers].sum(), joules[~hovers].sum()

@@ -27,10 +27,10 @@ class Grid:
     the UAV's average power, positions in units of `length` around the ground node. A path has
     positions in these units with start and goal, point by point, (N+2, U, 2).
 
-    :param airspace: of the scenario, whose duration does not depend on the grid.
+    :param airspace: Airspace of the scenario, whose duration does not depend on the grid.
     :param slots: N on this grid.
     :param is_fixed: whether only the powers are variables.
-    :param least_flights: which all grids of a flight share.
+    :param least_flights: flights of least utilisation, a cache that all grids of a flight share.
     """
 
     airspace: Airspace
@@ -202,8 +202,8 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
         (last + 2 * more) / max(1, count - 1 + 2 * more)) - more, 0, last)
     before = place.astype(np.intp)
     share = (place - before).reshape(-1, *[1] * (values.ndim - 1))
-    here = values[before]
-    return here + share * (values[np.minimum(before + 1, last)] - here)
+    lower = values[before]
+    return lower + share * (values[np.minimum(before + 1, last)] - lower)
 
 
 def resample_flights(positions: Array, slots: int) -> Array:

@@ -93,10 +93,10 @@ class Problem:
             raise_if_over()
             graph = self._get_graph(uav, _DISTANCES[0])
             for index in np.ndindex(places.shape[:-2]):
-                at = (*index, uav)
-                free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
+                entry = (*index, uav)
+                free[entry] = _move_inside(free[entry], normals, offsets - _INSIDE * step)
                 if graph is not None:
-                    free[at] = graph.find_nearest_free(free[at])
+                    free[entry] = graph.find_nearest_free(free[entry])
         return free
 
     def find_routes(self, uav: int, places: Sequence[Array],

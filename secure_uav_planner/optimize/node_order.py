@@ -13,7 +13,7 @@ def order_nodes(scenario: Scenario) -> list[int]:
     """
     Return the numbers of the ground nodes by their angles, which turn with the map.
 
-    Angles are those around the middle of the nodes from the first UAV's start, at half time.
+    Angles are counted around the middle of the nodes from the first UAV's start, at half time.
     """
     grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
     # The exact sum does not depend on the order.

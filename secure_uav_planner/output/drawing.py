@@ -56,11 +56,11 @@ def scheme_dash(method):
 
 def distinct_paths(baselines):
     """Return (baseline, name) of each baseline with new paths; the name leaves out the power."""
-    found = []
+    distinct = []
     for baseline in baselines:
-        if not any(np.array_equal(baseline.positions, other.positions) for other, _ in found):
-            found.append((baseline, scheme_name(baseline.method).partition(', ')[0]))
-    return found
+        if not any(np.array_equal(baseline.positions, known.positions) for known, _ in distinct):
+            distinct.append((baseline, scheme_name(baseline.method).partition(', ')[0]))
+    return distinct
 
 
 def node_color(scenario, index):

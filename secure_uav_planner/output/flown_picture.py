@@ -57,9 +57,9 @@ def _draw_ways(axes: Any, comparison: Any, extent: Any) -> None:
     index = int(largest.argmax())
     if largest[index] > _LEAST_MARKED_M:
         worst = list(comparison.uavs.values())[index].error_max_time_s
-        at = flight.positions[index, int(np.argmin(np.abs(flight.times - worst))), :2]
-        axes.plot(*at, 'x', color=EAVESDROPPER, markersize=8)
-        axes.annotate(f'{largest[index]:.1f} m', at, textcoords='offset points', xytext=(6, 6),
+        place = flight.positions[index, int(np.argmin(np.abs(flight.times - worst))), :2]
+        axes.plot(*place, 'x', color=EAVESDROPPER, markersize=8)
+        axes.annotate(f'{largest[index]:.1f} m', place, textcoords='offset points', xytext=(6, 6),
                       fontsize=8)
 
 

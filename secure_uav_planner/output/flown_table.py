@@ -66,7 +66,7 @@ def _describe_time(flight: Any) -> str:
 
 
 def _describe_rates(comparison: Any) -> str:
-    """Return rates achieved beside those planned, and the slots that broke."""
+    """Return achieved rates beside planned rates, and the slots that broke."""
     plan = comparison.plan
     rows = [('over covered slots', '', 'planned', 'flown')]
     rows += [(f'{plan.scenario.channel.rate_name(kind)}', 'bit/s/Hz',

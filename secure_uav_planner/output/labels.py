@@ -92,8 +92,8 @@ class MapLabels:
     def _list_boxes(self, size, place, direction, gaps):
         """Yield boxes of a size (2,) in m around a place and within the map, best first."""
         for gap, angle in product(gaps, direction + _ANGLES):
-            aside = np.array([np.cos(angle), np.sin(angle)])
-            center = place + aside * (gap * self._point + np.abs(aside) @ size / 2)
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            center = place + normal * (gap * self._point + np.abs(normal) @ size / 2)
             box = shapely.box(*(center - size / 2), *(center + size / 2))
             if self._inside.contains(box):
                 yield box

@@ -18,7 +18,8 @@ from .drawing import (
     receiver_label, scheme_dash, shown_discs, style_axes, uav_color)
 from .labels import MapLabels, point_size
 
-LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Letters in a line of a legend, and in a whole name.
+LEGEND_WIDTH = 18  # Letters in a line of a legend.
+_NAME_LENGTH = 36  # Largest number of letters of a name in a legend.
 LINEAR_SHARE = 1e-3  # Share of the peak power below which the scale of powers is linear.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _NEAR_MARKS = 17.0  # Distance [points] below which time marks share a label.

@@ -84,7 +84,7 @@ def lay_out_map(part):
     """Place a map with its legend at the right, and give the figure the size of both."""
     figure, sides = part.axes.figure, _map_sides(part.axes)
     width, height = sides * (np.array(_SINGLE_MAP) / sides).min()
-    for _ in range(2):
+    for _ in range(2):  # The numbers at the axes change with the size of the axes.
         left, bottom, _ = part.measure_margins()
         legend = part.fit_legend(0.0)
         top = _EDGE + max(height + bottom, legend[1]) + _EDGE
@@ -95,7 +95,12 @@ def lay_out_map(part):
 
 
 def _place_beside(parts, width, sides, top):
-    """Return, as _place_below does, the places with the charts at the right of the map."""
+    """
+    Return a figure's height, and (box, legend's corner) of each part, charts beside the map.
+
+    :param sides: width and height of the map in m.
+    :param top: height of the title and the edge above the parts.
+    """
     map_part, *charts = parts
     left, bottom, right = map_part.measure_margins()
     chart_left, chart_bottom, chart_right = _join_margins(charts)
@@ -115,7 +120,11 @@ def _place_beside(parts, width, sides, top):
 
 
 def _place_below(parts, width, sides, top):
-    """Return a figure's height, and (box, legend's corner) of each part, charts below the map."""
+    """
+    Return a figure's height, and (box, legend's corner) of each part, charts below the map.
+
+    The arguments are as in _place_beside.
+    """
     map_part, *charts = parts
     left, _, right = _join_margins(parts)
     bottom, chart_bottom = map_part.measure_margins()[1], charts[-1].measure_margins()[1]

@@ -145,12 +145,14 @@ class TimeScaleLimit:
         times, squares, slowing = [playback.duration], [0.0], 1.0
         while squares[-1] < fastest**2 and slowing > 0 and times[-1] > playback.begin:
             moment, square = playback.at(times[-1]), squares[-1]
-            velocity, bend = moment.velocities, square * moment.accelerations
+            velocity, acceleration = moment.velocities, square * moment.accelerations
+            # Playback speeds are interpolated linearly, which near rest doubles the slowing.
             allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
-            # The largest slowing d with |bend - d velocity| <= allowed for every UAV.
-            along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
-            root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)
-            slowing = float(((along + np.sqrt(np.maximum(root, 0.0))) / speed).min())
+            # The largest slowing d with |acceleration - d velocity| <= allowed for every UAV.
+            product = (velocity * acceleration).sum(axis=1)
+            norm = (velocity**2).sum(axis=1) + 1e-12
+            root = product**2 - norm * ((acceleration**2).sum(axis=1) - allowed**2)
+            slowing = float(((product + np.sqrt(np.maximum(root, 0.0))) / norm).min())
             times.append(times[-1] - step)
             squares.append(square + 2 * step * max(0.0, slowing))
         return np.array(times[::-1]), np.sqrt(squares[::-1])

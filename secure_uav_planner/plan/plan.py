@@ -72,7 +72,7 @@ class Plan(RatedFlight):
     :param method: name of the method that made the plan.
     :param status: one of STATUSES.
     :param history: the iterations of the method.
-    :param solve_time: in s.
+    :param solve_time: time that the method took [s].
     :param start_ns: time of point 0 [ns] on the clock of the followers, or None if not set.
     :param objective: the objective that the method maximised.
     :param bound: a Bound of the scenario by upper_bound, or None.
@@ -257,7 +257,7 @@ class Plan(RatedFlight):
 
         A plan whose promise has ended earlier is returned itself.
 
-        :param time: from point 0 [s].
+        :param time: time from point 0 [s].
         """
         step = self.scenario.slot_duration
         until = max(0.0, (math.floor(check_argument('time', time, TIME) / step + _ROUNDING) - 1)
@@ -354,7 +354,7 @@ class Plan(RatedFlight):
         """
         Write a map: paths with times and powers, receivers at point 0, tracks, zones and fence.
 
-        :param path: of a GeoJSON file, for geojson.io, QGIS and Foxglove.
+        :param path: path of a GeoJSON file, for geojson.io, QGIS and Foxglove.
         :raises OptionError: for a plan whose scenario has no origin.
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """

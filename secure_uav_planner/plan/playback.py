@@ -107,7 +107,7 @@ class Playback:
         the slot. The rate is exact for an eavesdropper at the given place. It bounds nothing for
         other places; see guaranteed_rates.
 
-        :param time: from point 0 [s].
+        :param time: time from point 0 [s].
         :param eavesdropper: true position of the eavesdropper, (2,) in m. None for no
             eavesdropper, where only ground nodes that are not trusted listen.
         """

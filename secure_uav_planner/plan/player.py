@@ -276,9 +276,9 @@ class Player:
                 needed = math.dist(last.positions[index], starts[index]) / uav.max_speed
                 needed += math.hypot(*last.velocities[index]) / scale / (
                     uav.max_acceleration or math.inf)
-                left = needed / scale - self._silence
-                if left > 0:
-                    unmet.append(f'{uav.name} to reach its start, another {left:.1f} s')
+                time_left = needed / scale - self._silence
+                if time_left > 0:
+                    unmet.append(f'{uav.name} to reach its start, another {time_left:.1f} s')
         return unmet
 
     # Time

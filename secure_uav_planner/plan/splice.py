@@ -37,18 +37,20 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     point = check_argument('point', point, WholeNumber(0, scenario.slots - 1))
     slots, step = scenario.slots - point, scenario.slot_duration
     least = find_range(Uav, 'average_power').low
-    left = scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1)
+    remaining = scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1)
     uavs = tuple(
         replace(uav, start=tuple(path[point].tolist()),
                 start_velocity=_find_velocity(uav, path, point, step),
-                average_power=min(uav.peak_power, max(energy / slots, least)))
-        for uav, path, energy in zip(
-            reduce_budgets(scenario, plan.positions, point), plan.positions, left.tolist(),
+                average_power=min(uav.peak_power, max(sum_of_powers / slots, least)))
+        for uav, path, sum_of_powers in zip(
+            reduce_budgets(scenario, plan.positions, point), plan.positions, remaining.tolist(),
             strict=True))
     rest = replace(move_receivers(scenario, scenario, point * step),
                    uavs=uavs, slots=slots, duration=slots * step,
                    head_starts=() if len(plan.shares) == 1 else find_head_starts(
                        scenario, step * plan.node_shares[:, :point].sum(axis=1)))
+    # On the clock the point is due point * step / promise_speed after point 0, but start_ns moves
+    # by point * step. The promise_delay has the difference.
     return replace(
         plan, scenario=rest, positions=plan.positions[:, point:], powers=plan.powers[:, point:],
         shares=plan.shares[:, point:], history=(), bound=None, bits=None, too_short=None,
@@ -133,7 +135,7 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
     """
     Return a scenario with the receivers of a source on new tracks.
 
-    :param tracks: of the ground nodes, then of the eavesdroppers; None leaves a receiver as it is.
+    :param tracks: tracks of the ground nodes, then of the eavesdroppers. None keeps a receiver.
     """
     nodes = len(source.ground_nodes)
     return replace(

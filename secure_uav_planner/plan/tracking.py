@@ -32,7 +32,7 @@ SILENCE = 1.0
 """Time [s] without a report of the follower after which the time of the plan stands still."""
 
 LONGEST_GAP = 2.0
-"""Largest time [s] between two positions of a flight that counts as measured in between."""
+"""Largest time [s] between two measured positions of a flight that is not a gap."""
 
 _MEMORY = 10.0  # Time [s] for which reports are kept, because odometry may arrive late.
 _STEADY = 0.03  # Largest change within half a second of a playback speed that is constant.
@@ -267,8 +267,8 @@ def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float
     velocity = np.array(state.velocity or (0.0, 0.0))
     braking = math.hypot(*velocity) / (max_acceleration or math.inf)  # Duration of braking [s].
     ahead = np.clip(np.asarray(times, float) - state.time, 0.0, braking)[:, None]
-    left = 1.0 - ahead / braking if braking else 0.0 * ahead  # Fraction of the first velocity.
-    return state.position + ahead * (1.0 + left) / 2 * velocity, left * velocity
+    share = 1.0 - ahead / braking if braking else 0.0 * ahead  # Fraction of the first velocity.
+    return state.position + ahead * (1.0 + share) / 2 * velocity, share * velocity
 
 
 def predict_state(state: MeasuredState, time: float, max_acceleration: float | None,
@@ -348,7 +348,7 @@ class AchievedRates:
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
-        self._last = math.inf
+        self._last = math.inf  # Time [s] of the plan at the last call of add.
         self._flown = 0.0  # Time [s] that has been flown within slots.
         self._sums = np.zeros(3)  # Measured time [s], achieved and planned information [bit/Hz].
 

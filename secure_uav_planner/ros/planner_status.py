@@ -127,7 +127,7 @@ class PlannerStatus:
     """
     The status of the planner.
 
-    :ivar level: of diagnostics, as bytes.
+    :ivar level: level of a DiagnosticStatus, as bytes.
     :ivar text: problems, and the outcome of the last request or the progress of a solve.
     """
 
@@ -219,6 +219,7 @@ def _read(kind: Any, node: _Node, key: str) -> Any:
     """
     if is_dataclass(kind):
         hints = get_type_hints(kind)
+        # The text of a field with _GROUP is at the key of the dataclass itself.
         nodes: dict[str, Any] = {
             entry.name: {None: node.get(None)} if _GROUP in entry.metadata
             else node.get(entry.name) for entry in fields(kind)}

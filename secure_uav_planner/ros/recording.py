@@ -42,7 +42,7 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
     Write the messages of the planner and the replay node for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
-    :param frequency: of the setpoints in Hz of the plan's time.
+    :param frequency: frequency of the setpoints [Hz] in the plan's time.
     :raises OptionError: for a frequency that is not positive.
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
@@ -117,9 +117,9 @@ class _Bag:
                               durability='transient_local' if latched else 'volatile')
             self._channels[topic] = self._writer.register_channel(
                 topic, 'cdr', self._schema(type(message)), {'offered_qos_profiles': qos})
-        at = self._start_ns + round(time * 1e9)
-        self._writer.add_message(
-            self._channels[topic], log_time=at, publish_time=at, data=serialize_message(message))
+        time_ns = self._start_ns + round(time * 1e9)
+        self._writer.add_message(self._channels[topic], log_time=time_ns, publish_time=time_ns,
+                                 data=serialize_message(message))
 
     def finish(self) -> None:
         """Write the index, without which the file is not complete."""
@@ -146,5 +146,5 @@ def _definition(name: str) -> str:
                        / 'msg' / f'{message}.msg').read_text()
         fields = messages.message_class(kind).get_fields_and_field_types()
         queue += re.findall(r'\w+/\w+', ' '.join(fields.values()))
-    (_, own), *nested = texts.items()
-    return '\n'.join([own, *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in nested)])
+    (_, first), *nested = texts.items()
+    return '\n'.join([first, *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in nested)])

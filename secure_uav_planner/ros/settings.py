@@ -64,11 +64,11 @@ class Settings(Generic[Kind]):
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
         """Declare parameters; a value given to the node precedes the value of the mission file."""
-        given = _overrides(self._node)
+        overrides = _overrides(self._node)
         for name, spec in specs.items():
             value = self._mission_values.get(name, spec.default)
-            if name in given:
-                value = given[name].value
+            if name in overrides:
+                value = overrides[name].value
                 if value is None and isinstance(spec.default, list):
                     value = []  # rcl does not tell an empty list from no value.
             self._specs[name] = spec
@@ -155,7 +155,7 @@ def check_references(values: Mapping[str, Any]) -> None:
     """Raise a PlanningError for a `<uav>.reference` with which nothing can be converted."""
     origin = origin_from(values)
     for name in values['uavs']:
-        reference, own = values[f'{name}.reference'], values[f'{name}.origin']
+        reference, place = values[f'{name}.reference'], values[f'{name}.origin']
         if reference == NO_REFERENCE:
             continue
         if origin is None or reference == 'px4' != origin.projection:
@@ -164,9 +164,9 @@ def check_references(values: Mapping[str, Any]) -> None:
                 f'{values["origin.projection"]}; it must be '
                 f'{"px4" if reference == "px4" else "px4 or ardupilot"}, and origin.latitude and '
                 'origin.longitude say where the mission is')
-        if any(own[:2]):
-            raise ParameterError(f'{name}.origin is {quote(own)}; with {name}.reference, x and y '
-                                 'must be 0')
+        if any(place[:2]):
+            raise ParameterError(f'{name}.origin is {quote(place)}; with {name}.reference, x and '
+                                 'y must be 0')
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:

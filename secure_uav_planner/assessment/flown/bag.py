@@ -68,10 +68,10 @@ class FlightBag:
         if not flown:
             raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
         notes = []
-        back = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
-        if len(back):
-            flown = flown[back[-1] + 1:]
-            notes.append(f'the plan was begun {len(back) + 1} times: the last flight counts')
+        restarts = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
+        if len(restarts):
+            flown = flown[restarts[-1] + 1:]
+            notes.append(f'the plan was begun {len(restarts) + 1} times: the last flight counts')
         notes += [f'the plan {identity} was flown, too: it is compared if it is given'
                   for identity in dict.fromkeys(reported) if identity not in revisions]
         for identity in revisions:
@@ -121,10 +121,10 @@ def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
     # While the plan's time stands, only the first and the last report count.
-    kept = np.append(advances, False) | np.append(False, advances)
-    if not kept.any():
+    counts = np.append(advances, False) | np.append(False, advances)
+    if not counts.any():
         raise LogFileError('the time of its plan does not advance')
-    return (clock_ns[kept] - origin_ns) * 1e-9, (plan_ns[kept] - start_ns) * 1e-9
+    return (clock_ns[counts] - origin_ns) * 1e-9, (plan_ns[counts] - start_ns) * 1e-9
 
 
 def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:

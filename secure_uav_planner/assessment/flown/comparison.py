@@ -52,9 +52,10 @@ class Comparison:
     :ivar fence: smallest distance to the geofence from inside, or None without one.
     :ivar covered: True for slots that all logs cover, (N,).
     :ivar promised: True for slots whose rate was promised when it was flown, (N,).
-    :ivar achieved: by objective, the rates of the ground nodes in their shares that were achieved,
-        (G, N) in bit/s/Hz; NaN in slots that are not covered.
-    :ivar planned: by objective, the planned rates of the ground nodes, (G, N) in bit/s/Hz.
+    :ivar achieved: achieved rates of the ground nodes times their shares of the slots, by
+        objective, (G, N) in bit/s/Hz; NaN in slots that are not covered.
+    :ivar planned: planned rates of the ground nodes times their shares, by objective, (G, N) in
+        bit/s/Hz.
     :ivar errors: distance of each UAV from its planned path at flight.times, (U, K) in m.
     """
 

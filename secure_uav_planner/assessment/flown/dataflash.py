@@ -13,7 +13,7 @@ _GPS_EPOCH_S = 315964800  # UTC of the beginning of the GPS weeks.
 _LEAP_S = 18  # GPS less UTC, since 2017.
 _WEEK_S = 604800
 _US = 1e-6
-_WH = 3600.0  # J
+_WH = 3600.0  # One watt-hour in J.
 _GUIDED = 4  # Mode number of a Copter.
 
 

@@ -13,7 +13,7 @@ from ...model.curve import integrate_powers
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
 _MOVING = 0.05  # Share of the largest speed below which a plan hovers.
 _PROJECTIONS = 5  # Steps, each of at most 1 s, from the place at a time to the nearest one.
-_WH = 3600.0  # J
+_WH = 3600.0  # One watt-hour in J.
 
 
 class UavErrors(NamedTuple):
@@ -76,21 +76,23 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     sides = _measure_sides(flight, index, delay)
     ways = np.abs(sides)
     error_max, error_max_time = _find_largest(distances, times)
-    way_max, way_max_time = _find_largest(ways, times)
+    cross_max, cross_max_time = _find_largest(ways, times)
     speed, acceleration, energy = _measure_motion(flight, index)
     behind = flight.course.at(times - np.nan_to_num(delay)).positions[index]
     energies = flight.plan.energies[index]
     joules = _take_battery(flight, index)
     return UavErrors(
         delay_s=delay,
-        error_rms_m=_find_rms(distances),
+        error_rms_m=_compute_rms(distances),
         error_max_m=error_max, error_max_time_s=error_max_time,
-        cross_track_rms_m=_find_rms(ways),
-        cross_track_95_m=_find_quantile(ways, 0.95), cross_track_99_m=_find_quantile(ways, 0.99),
-        cross_track_max_m=way_max, cross_track_max_time_s=way_max_time,
-        cross_track_mean_m=_find_mean(sides),
-        offset_m=(_find_mean(flown[:, 0] - behind[:, 0]), _find_mean(flown[:, 1] - behind[:, 1])),
-        height_error_max_m=_find_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
+        cross_track_rms_m=_compute_rms(ways),
+        cross_track_95_m=_compute_quantile(ways, 0.95),
+        cross_track_99_m=_compute_quantile(ways, 0.99),
+        cross_track_max_m=cross_max, cross_track_max_time_s=cross_max_time,
+        cross_track_mean_m=_compute_mean(sides),
+        offset_m=(_compute_mean(flown[:, 0] - behind[:, 0]),
+                  _compute_mean(flown[:, 1] - behind[:, 1])),
+        height_error_max_m=_compute_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
         speed_max_m_s=speed, acceleration_max_m_s2=acceleration,
         gap_max_s=_find_gap(flight.covered[index]),
         jumps_s=tuple(time for _, time in find_jumps(log, clock, times)),
@@ -140,8 +142,8 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
     whole = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
     energy = math.nan if uav.propulsion is None or not whole.any() else float(integrate_powers(
         (uav,), velocities[:-1][whole][None], velocities[1:][whole][None], STEP_S).sum())
-    return (_find_quantile(np.linalg.norm(velocities, axis=1), 1.0),
-            _find_quantile(changes, 1.0) / (window * STEP_S), energy)
+    return (_compute_quantile(np.linalg.norm(velocities, axis=1), 1.0),
+            _compute_quantile(changes, 1.0) / (window * STEP_S), energy)
 
 
 def _take_battery(flight: FlownFlight, index: int) -> float:
@@ -164,7 +166,7 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
         return math.nan
     targets = np.stack([np.interp(clock, when[valid], column[valid], np.nan, np.nan)
                         for column in places.T], axis=-1)
-    return _find_rms(np.linalg.norm(targets - planned, axis=1))
+    return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 
 
 def _find_gap(covered: Array) -> float:
@@ -173,18 +175,18 @@ def _find_gap(covered: Array) -> float:
     return float(max((last - first for first, last in edges.reshape(-1, 2)), default=0) * STEP_S)
 
 
-def _find_mean(values: Array) -> float:
+def _compute_mean(values: Array) -> float:
     """Return the mean of values without NaN; NaN if there is none."""
     inside = values[np.isfinite(values)]
     return float(inside.mean()) if len(inside) else math.nan
 
 
-def _find_rms(values: Array) -> float:
+def _compute_rms(values: Array) -> float:
     """Return the root mean square of values without NaN; NaN if there is none."""
-    return math.sqrt(_find_mean(values**2))
+    return math.sqrt(_compute_mean(values**2))
 
 
-def _find_quantile(values: Array, share: float) -> float:
+def _compute_quantile(values: Array, share: float) -> float:
     """Return a quantile of values without NaN; NaN if there is none."""
     inside = values[np.isfinite(values)]
     return float(np.quantile(inside, share)) if len(inside) else math.nan

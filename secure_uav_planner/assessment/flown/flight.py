@@ -28,14 +28,14 @@ class FlownFlight:
     Where the UAVs of a plan really were.
 
     :ivar course: the plan in force at each time.
-    :ivar logs: by UAV, its VehicleLog in the frame of the plan.
+    :ivar logs: VehicleLog of each UAV by name, in the frame of the plan.
     :ivar times: (K,) in s from point 0 of the plan, in steps of at most 0.1 s.
     :ivar clocks: time of each UAV's log at these times, (U, K) in s; NaN if unknown.
     :ivar positions: (U, K, 3) in m; NaN where a log does not cover the flight. Heights are NaN in
         a log without heights.
     :ivar powers: (U, K) in W that were really set, or None if a log has none.
-    :ivar time_from: where the time of the plan was taken from.
-    :ivar shifts: by UAV, its log's time less the plan's time, with the uncertainty.
+    :ivar time_from: source of the time of the plan.
+    :ivar shifts: time of each UAV's log less the plan's time, by UAV, with the uncertainty.
     :ivar notes: what a reader should know of the logs.
     """
 
@@ -91,12 +91,12 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
     :param source: a file with all UAVs (a bag, .mcap, .db3, .csv), or for a single UAV any log; or
         a mapping from the names of UAVs to .ulg, .BIN, .tlog, .csv or .tum.
     :param plan: the plan that was flown; of a bag with replans, any plan of the flight.
-    :param at: where the time of the plan is taken from: 'plan_time' of a bag, 'utc', 'takeoff'
+    :param at: source of the time of the plan: 'plan_time' of a bag, 'utc', 'takeoff'
         (when each vehicle leaves its place) or 'fit' (the least squared distance); by default the
         first of these that all logs have.
-    :param shifts: by UAV, the place (x, y) in m of its log's origin in the plan's frame. Without
-        it and without an origin of mission and log, frames are equal if the vehicle begins within
-        START_TOLERANCE_M, or tracking_margin, of its start.
+    :param shifts: place (x, y) in m of the origin of each UAV's log in the plan's frame, by UAV.
+        Without a place and without an origin of mission and log, frames are equal if the vehicle
+        begins within START_TOLERANCE_M, or tracking_margin, of its start.
     :raises OptionError: for a wrong argument.
     :raises LogFileError: for a file that cannot be read or is no log of this flight, naming the
         file and the reason.

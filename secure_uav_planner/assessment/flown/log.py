@@ -61,19 +61,19 @@ class VehicleLog:
 
     def __post_init__(self) -> None:
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
-        kept = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
-        latest = np.maximum.accumulate(times[kept])
-        back = int(np.argmax(latest - times[kept])) if len(latest) else 0
-        if len(latest) and latest[back] - times[kept][back] > _BACKWARDS_S:
+        valid = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
+        latest = np.maximum.accumulate(times[valid])
+        back = int(np.argmax(latest - times[valid])) if len(latest) else 0
+        if len(latest) and latest[back] - times[valid][back] > _BACKWARDS_S:
             raise LogFileError(f'its time runs back from {latest[back]:.1f} s to '
-                               f'{times[kept][back]:.1f} s')
-        kept[kept] = np.append(True, np.diff(latest) > 0)[:len(latest)]
-        if np.count_nonzero(kept) < 2:
-            raise LogFileError(f'it has {np.count_nonzero(kept)} valid positions; it must have 2')
-        object.__setattr__(self, 'times', times[kept])
-        object.__setattr__(self, 'positions', positions[kept])
+                               f'{times[valid][back]:.1f} s')
+        valid[valid] = np.append(True, np.diff(latest) > 0)[:len(latest)]
+        if np.count_nonzero(valid) < 2:
+            raise LogFileError(f'it has {np.count_nonzero(valid)} valid positions; it must have 2')
+        object.__setattr__(self, 'times', times[valid])
+        object.__setattr__(self, 'positions', positions[valid])
         if self.velocities is not None:
-            object.__setattr__(self, 'velocities', np.asarray(self.velocities, float)[kept])
+            object.__setattr__(self, 'velocities', np.asarray(self.velocities, float)[valid])
         seen = [time for time in _find_jumps(self.times, self.positions)
                 if all(abs(time - told) > _SAME_JUMP_S for told in self.jumps)]
         object.__setattr__(self, 'jumps', tuple(sorted({*self.jumps, *seen})))
@@ -113,6 +113,7 @@ class VehicleLog:
         """Return whether a position is known at times (L,): on a sample, and not in a gap."""
         steps = np.diff(self.times)
         is_whole = steps <= LONGEST_GAP
+        # A step with a jump is a gap, except a short one.
         jumps = np.searchsorted(self.times, self.jumps, 'right') - 1
         jumps = jumps[(jumps >= 0) & (jumps < len(steps))]
         is_whole[jumps[steps[jumps] > _SHORT_S]] = False

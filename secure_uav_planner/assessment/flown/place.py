@@ -25,8 +25,8 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
     """
     Return logs moved into the plan's frame, and the names of UAVs whose frame has a known place.
 
-    :param shifts: by UAV, the place (x, y) in m of its log's origin, or None. Without it, the
-        origins on Earth of the log and of the mission count.
+    :param shifts: place (x, y) in m of the origin of each UAV's log, by UAV, or None. Without a
+        place, the origins on Earth of the log and of the mission count.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts

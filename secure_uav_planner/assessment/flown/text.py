@@ -13,7 +13,7 @@ from ...errors import LogFileError
 
 _NEEDED = ('time', 'x', 'y')
 _READ = (*_NEEDED, 'z', 'vx', 'vy', 'power')
-_EPOCH = 1e8  # s; times after it are UTC, times before it belong to the log's own clock.
+_EPOCH = 1e8  # Time [s] from which times are UTC; smaller times belong to the log's own clock.
 
 
 def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, VehicleLog]:
@@ -60,7 +60,7 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
         table = np.loadtxt(path, ndmin=2, encoding='utf-8-sig')
     except UnicodeDecodeError:
         raise
-    except ValueError as error:  # Its second half is advice on NumPy.
+    except ValueError as error:  # The second half of the error's text is advice on NumPy.
         raise LogFileError(str(error).partition(';')[0]) from None
     if table.shape[1] != 8:
         raise LogFileError(f'it has {table.shape[1]} numbers in a line; it must have 8')

@@ -12,7 +12,7 @@ from ...mission.scenario import Array
 
 _TOPICS = ['vehicle_local_position', 'trajectory_setpoint', 'vehicle_status', 'battery_status',
            'vehicle_gps_position', 'sensor_gps']
-_OFFBOARD = 14  # vehicle_status.nav_state
+_OFFBOARD = 14  # vehicle_status.nav_state in OFFBOARD.
 _US = 1e-6
 
 

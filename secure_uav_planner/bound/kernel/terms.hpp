@@ -251,7 +251,8 @@ private:
         power_cost.kp = -cost / more;
     }
 
-    // Fill the expansion in a box of -phi(z0) of the ground node; see expand_jammer.
+    // Fill the expansion in a box of a jammer's -phi(z0) of the ground node. The power is `watts`
+    // in the centre of the box, and from watts / more to watts more in the box.
     void expand_jammed_ground(const Box& box, double rho, double watts, double more,
                               Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
@@ -277,8 +278,8 @@ private:
         f.kb = f.ka;
     }
 
-    // Fill the expansion in a box of phi(z_e) at the farthest place in the disc of eavesdropper e;
-    // see expand_jammer.
+    // Fill the expansion in a box of a jammer's phi(z_e) at the farthest place in the disc of
+    // eavesdropper e, with `watts` and `more` as in expand_jammed_ground.
     void expand_jammed_leak(const Box& box, double rho, double watts, double more, std::size_t e,
                             Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];

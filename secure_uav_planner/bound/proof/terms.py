@@ -236,6 +236,7 @@ class Terms:
     def compiled(self) -> core.Terms:
         """Return the kernel's form of the functions, without the potential's constant."""
         region = self.potential.region
+        # The potential's arrays have a row for each group, and the kernel's a row for each cell.
         slope, curvature, speed_cost, margins, weight, v = (
             np.ascontiguousarray(values, float) for values in (
                 *(values[self.cells.group] for values in (

@@ -261,7 +261,12 @@ class ColumnPool:
         self._silent_places = np.concatenate([place[:, :fixed], latest], 1)
 
     def _improve(self, start: Columns, evaluate: Callable[[Columns], Array]) -> Columns:
-        """Return the columns that a compass search reaches from the columns `start`."""
+        """
+        Return the columns that a compass search reaches from the columns `start`.
+
+        A round tries moves of the place and, for a jammer, of the log power in both directions. If
+        no move is better, the moves get shorter.
+        """
         region = self.region
         count, many = start.power.shape
         low, high = region.bounding_box

@@ -154,7 +154,10 @@ class ArrowSystem:
         """
         Return the step of the prices, (U,), by the Schur complement of the band.
 
+        :param groups: damped Hessians of the groups' terms, (G, F, F).
+        :param border: right sides by _assemble_border; the last column is the gradient.
         :param answer: inverse of the band times the border.
+        :param damping: fraction by which the diagonal is raised.
         """
         price = self.layout.prices
         corner = np.diag(self.prices) + groups[:, price, price].sum(0) - (
@@ -218,8 +221,7 @@ class Dual:
 
     :param team: the UAVs.
     :param weight: w0 of the branch in which the transmitter sends, (G,).
-    :param columns: for each cell the columns of each UAV in the branch in which the transmitter
-        sends.
+    :param columns: columns of each UAV for each cell in the branch where the transmitter sends.
     :param silent: columns of each UAV in the branch of silence.
     :param tau: temperature of every smoothed maximum [nats].
     """

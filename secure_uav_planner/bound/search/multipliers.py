@@ -232,6 +232,7 @@ class MultiplierSearch:
                 continue
             step = step.shorten(self.point, dual.slack(self.point.v))
             slope = min(system.slope(step), 0.0)
+            # A full step lowers the damping, shorter steps keep it, and no step raises it.
             for length, factor in ((1.0, 0.1), (0.3, 1.0), (0.1, 1.0)):
                 trial = self.point.move(step, length)
                 if dual.value(trial) < value + 0.1 * length * slope:

@@ -197,8 +197,8 @@ class _Reader:
                                        problem_mark=node.start_mark) from None
 
     def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
-        """Return a mapping's values, those merged included, and note lines and problems."""
-        own: dict[str, Any] = {}
+        """Return a mapping's values, merged ones included, and note lines and problems."""
+        values: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:
             line = key.start_mark.line + 1
@@ -211,11 +211,11 @@ class _Reader:
                 self.problems.append(FileProblem(
                     line, f'the name of a field is {quote(name)}; it must be text'))
                 continue
-            if name in own:
+            if name in values:
                 self.problems.append(FileProblem(line, f'{quote(name)} comes twice'))
             self.lines[(*path, name)] = line
-            own[name] = self.value(value, (*path, name))
-        return {**merged, **own}
+            values[name] = self.value(value, (*path, name))
+        return {**merged, **values}
 
     def _merge_sources(self, node: yaml.Node, path: FieldPath) -> list[dict[str, Any]]:
         """Return the mappings that `<<` names; the fields beside it override theirs."""

@@ -37,10 +37,10 @@ class _Builder(ElementTree.TreeBuilder):
 def list_placemarks(data: bytes) -> list[tuple[Any, Any]]:
     """Return (name, element) of each placemark; raise ScenarioError for areas outside of one."""
     root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Builder()))
-    own = root.tag[:-3] if root.tag.endswith('}kml') else None
+    namespace = root.tag[:-3] if root.tag.endswith('}kml') else None
     for element in root.iter():
         space, _, name = element.tag.rpartition('}')
-        if f'{space}}}' == own or _NAMESPACE.fullmatch(f'{space}}}'):
+        if f'{space}}}' == namespace or _NAMESPACE.fullmatch(f'{space}}}'):
             element.tag = name
     kinds = _find_placemark_kinds(root)
     for element in root.iter():

@@ -31,9 +31,11 @@ class Pieces(NamedTuple):
     """
     Pieces of equal length in which every UAV moves with constant acceleration.
 
-    :ivar times: of the middles, (K,) in s from point 0.
-    :ivar half: half the length of a piece, in s.
-    :ivar positions: in the middles, (..., K, 2) in m, as the velocities and the accelerations.
+    :ivar times: times of the middles of the pieces, (K,) in s from point 0.
+    :ivar half: half the duration of a piece [s].
+    :ivar positions: positions in the middles, (..., K, 2) in m.
+    :ivar velocities: velocities in the middles, (..., K, 2) in m/s.
+    :ivar accelerations: accelerations of the pieces, (..., K, 2) in m/s^2.
     """
 
     times: Array
@@ -54,7 +56,7 @@ class Pieces(NamedTuple):
 
     @property
     def reach(self) -> Array:
-        """Largest distance from the middle of a piece, (..., K, 2) along x and y in m."""
+        """How far a piece goes from its middle along x and y at most, (..., K, 2) in m."""
         return (np.abs(self.velocities) * self.half
                 + np.abs(self.accelerations) * (self.half**2 / 2))
 
@@ -72,18 +74,18 @@ def least_distance(pieces: Pieces) -> tuple[Array, Array]:
     linear = ((velocity**2) + position * acceleration).sum(axis=-1)
     constant = (position * velocity).sum(axis=-1)
     first, second = _find_roots(3 * cubic, square, linear, pieces.half)
-    best, at = np.full(len(position), np.inf), np.zeros(len(position))
-    half = np.full_like(at, pieces.half)
+    least, time = np.full(len(position), np.inf), np.zeros(len(position))
+    half = np.full_like(time, pieces.half)
     for low, high in ((-half, first), (second, half)):
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             rises = constant + middle * (linear + middle * (square + middle * cubic)) > 0
             low, high = np.where(rises, low, middle), np.where(rises, middle, high)
-        by = (low + high) / 2
-        distance = np.linalg.norm(pieces.at(by), axis=-1)
-        at = np.where(distance < best, by, at)
-        best = np.minimum(distance, best)
-    return best, at
+        zero = (low + high) / 2
+        distance = np.linalg.norm(pieces.at(zero), axis=-1)
+        time = np.where(distance < least, zero, time)
+        least = np.minimum(distance, least)
+    return least, time
 
 
 def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -136,7 +138,7 @@ def _find_roots(square: Array, half_linear: Array, constant: Array,
     """
     Return the smaller and the larger root of square t^2 + 2 half_linear t + constant.
 
-    They are limited to -most and most, and both are most where there are none.
+    The roots are limited to the interval from -most to most. Without a root both are most.
     """
     discriminant = half_linear**2 - square * constant
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
@@ -164,9 +166,9 @@ class Approach(NamedTuple):
     """
     The closest approach of a UAV to another UAV or a zone.
 
-    :ivar distance: in m, in space between UAVs and on the map to a zone as given, without margin.
-    :ivar time: in s from point 0.
-    :ivar names: of the UAV, and of the other UAV or the zone.
+    :ivar distance: distance [m], in space to a UAV, and on the map to a zone without its margin.
+    :ivar time: time of the approach [s] from point 0.
+    :ivar names: names of the UAV, and of the other UAV or the zone.
     """
 
     distance: float
@@ -225,12 +227,12 @@ class Clearance:
         heights = self._scenario.altitudes[first] - self._scenario.altitudes[second]
         middle = np.hypot(np.linalg.norm(relative.positions, axis=-1), heights[:, None])
         least = middle - np.linalg.norm(relative.reach, axis=-1)
-        pair, at = np.nonzero(least <= middle.min())
-        level, by = least_distance(relative.take(pair, at))
-        distance = np.hypot(level, heights[pair])
-        best = int(distance.argmin())
+        pair, piece = np.nonzero(least <= middle.min())
+        horizontal, delays = least_distance(relative.take(pair, piece))
+        distances = np.hypot(horizontal, heights[pair])
+        best = int(distances.argmin())
         names = [uavs[number].name for number in pairs[pair[best]].tolist()]
-        return Approach(float(distance[best]), float(pieces.times[at[best]] + by[best]),
+        return Approach(float(distances[best]), float(pieces.times[piece[best]] + delays[best]),
                         (names[0], names[1]))
 
     @property
@@ -306,7 +308,7 @@ class Clearance:
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
         """
-        Return the smallest distance of one UAV to a zone at its altitude, or None without one.
+        Return the smallest distance of a UAV to the zones at its altitude, or None without zones.
 
         :param number: index of the UAV.
         """
@@ -316,15 +318,17 @@ class Clearance:
         pieces = self._pieces.take(number, slice(None))
         edges, owners, tree = _list_edges([shapely.Polygon(zone.vertices) for zone, _ in zones])
         middles = shapely.points(pieces.positions)
-        _, middle = tree.query_nearest(middles, all_matches=False, return_distance=True)
-        reach = np.linalg.norm(pieces.reach, axis=-1)
-        # Only pieces that may come as near as the nearest middle of a piece are examined.
-        near = np.flatnonzero(middle - reach <= middle.min())
-        at, edge = tree.query(middles[near], predicate='dwithin',
-                              distance=(middle.min() + reach[near]) * (1 + 1e-9))
-        distance, by = least_distance_to_edge(pieces.take(near[at]), edges[edge])
-        best = int(distance.argmin())
-        return Approach(float(distance[best]), float(pieces.times[near[at[best]]] + by[best]),
+        _, gaps = tree.query_nearest(middles, all_matches=False, return_distance=True)
+        # A piece stays within its reach of its middle. So only pieces are examined that may come
+        # nearer to a zone than the nearest middle, which is `least` away.
+        least, reach = gaps.min(), np.linalg.norm(pieces.reach, axis=-1)
+        near = np.flatnonzero(gaps - reach <= least)
+        index, edge = tree.query(middles[near], predicate='dwithin',
+                                 distance=(least + reach[near]) * (1 + 1e-9))
+        distances, delays = least_distance_to_edge(pieces.take(near[index]), edges[edge])
+        best = int(distances.argmin())
+        return Approach(float(distances[best]),
+                        float(pieces.times[near[index[best]]] + delays[best]),
                         (uav.name, zones[owners[edge[best]]][1]))
 
 
@@ -337,14 +341,15 @@ def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
     :param pieces: pieces of the motion, each with constant acceleration.
     """
     middles = shapely.points(pieces.positions)
-    at, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
+    piece, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
     edges, owners, tree = _list_edges(polygons)
     low, high = pieces.positions - pieces.reach, pieces.positions + pieces.reach
     near, edge = tree.query(shapely.box(*low.T, *high.T))
-    by, crossed = find_crossings(pieces.take(near), edges[edge])
+    delays, crossed = find_crossings(pieces.take(near), edges[edge])
     crossing, side = np.nonzero(crossed)
     indices = np.concatenate([entered, owners[edge[crossing]]])
-    times = np.concatenate([pieces.times[at], pieces.times[near[crossing]] + by[crossing, side]])
+    times = np.concatenate([
+        pieces.times[piece], pieces.times[near[crossing]] + delays[crossing, side]])
     first = int(indices.min(initial=len(polygons)))
     return first, np.sort(times[indices == first])
 

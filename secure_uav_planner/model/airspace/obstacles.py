@@ -26,7 +26,7 @@ class Airspace:
     """
     The obstacles of UAVs, each at its altitude, tracking_margin included; read-only.
 
-    :param scenario: whose UAVs they are.
+    :param scenario: Scenario of the UAVs.
     """
 
     def __init__(self, scenario: Scenario) -> None:

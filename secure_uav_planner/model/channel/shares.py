@@ -33,8 +33,8 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
     They are a vertex of a linear program, so that at most G - 1 slots are divided. Slots of rate 0
     have share 0; a single node owns all slots.
 
-    :param rates: of each ground node, (G, N), at least 0.
-    :param unit: of the rates, in bit/s/Hz.
+    :param rates: rate of each ground node in each slot, (G, N), at least 0.
+    :param unit: unit of the rates [bit/s/Hz].
     """
     nodes, slots = rates.shape
     if nodes == 1:
@@ -64,17 +64,17 @@ def _divide(rates: Array, offsets: Array) -> Array:
     # Nodes above the least mean divide the slots that nodes at the least mean do not use.
     means = (shares * rates).mean(axis=1) + offsets
     idle = means > (1 + _IDLE) * means.min()
-    left = ~shares[~idle].any(axis=0) & rates[idle].any(axis=0)
-    if left.any():
-        shares[:, left] = 0.0
+    unused = ~shares[~idle].any(axis=0) & rates[idle].any(axis=0)
+    if unused.any():
+        shares[:, unused] = 0.0
         means = (shares[idle] * rates[idle]).mean(axis=1) + offsets[idle]
-        part = np.ix_(idle, left)
-        shares[part] = _divide(rates[part], means * (slots / left.sum()))
+        part = np.ix_(idle, unused)
+        shares[part] = _divide(rates[part], means * (slots / unused.sum()))
     return shares
 
 
 def _divide_equal_slots(rates: Array) -> Array:
-    """Return shares (G, N) as _find_vertex; slots with equal rates are one slot there."""
+    """Return shares (G, N) with the largest least mean; join slots with equal rates before."""
     _, slots = rates.shape
     key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
     ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
@@ -135,7 +135,7 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
     slots pass to the part one by one. The dual is least at the first slot with which the part's
     mean rate, weighted by prices, is at least the mean rate of the other nodes.
 
-    :param prices: of the nodes, (G,), changed in place.
+    :param prices: prices of the nodes, (G,), changed in place.
     :param ties: nodes of each tied slot, changed in place.
     :param part: whether each node is in the part, (G,).
     """
@@ -148,9 +148,9 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
     slot = int(order[min(int(np.searchsorted(slopes, 0.0)), len(order) - 1)])
     # A tied slot on the way to that scale ends the step: it ties with the other side, too.
     logs: list[float] = np.log(scales).tolist()
-    way = [tied for tied in ties
-           if _SAME < abs(logs[tied]) < abs(logs[slot]) and (logs[tied] > 0) == (logs[slot] > 0)]
-    slot = min(way, key=lambda tied: abs(logs[tied]), default=slot)
+    passed = [tied for tied in ties if (logs[tied] > 0) == (logs[slot] > 0)
+              and _SAME < abs(logs[tied]) < abs(logs[slot])]
+    slot = min(passed, key=lambda tied: abs(logs[tied]), default=slot)
     prices[part] *= scales[slot]
     tied = ties.setdefault(slot, set())
     for side in (part, ~part):

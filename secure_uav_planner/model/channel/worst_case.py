@@ -159,9 +159,9 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
         grouped = proven.reshape(-1, count)
         worst = np.arange(0, groups, count) + grouped.argmax(axis=1)
         eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
-        whole = combine_leaks(grouped) if scenario.colluding else proven
-        leaks[active] = np.minimum(leaks[active], whole + _ROUNDING * np.minimum(
-            np.maximum(scale, whole), 1.0))
+        total = combine_leaks(grouped) if scenario.colluding else proven
+        leaks[active] = np.minimum(leaks[active], total + _ROUNDING * np.minimum(
+            np.maximum(scale, total), 1.0))
     return leaks, centres[np.arange(len(eves)), eves] + places
 
 

@@ -20,6 +20,7 @@ struct PowerTerms {
         return blade_slope * s + induced / std::sqrt(std::sqrt(1.0 + r * r) + r)
             + drag * s * std::sqrt(s);
     }
+    // The first derivative by s.
     double first(double s) const {
         const double r = induced_slope * s, root = std::sqrt(1.0 + r * r);
         return blade_slope - 0.5 * induced * induced_slope / (root * std::sqrt(root + r))
@@ -52,8 +53,8 @@ public:
         });
     }
 
-    // Add the gradient of the sum of all energies, (N, U, 3). A position changes the energy of one
-    // UAV only.
+    // Add the gradients of all energies, (N, U, 3). One array holds them all, because the variables
+    // of a UAV change the energy of this UAV only.
     void add_gradient(const double* path, double* gradient) const {
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const double slope = 2.0 * weights_[i] * terms_[uav].first(dot(move, move));

@@ -42,9 +42,10 @@ std::vector<Point> copy_points(const py::buffer& source, const char* name, std::
     return points;
 }
 
-// Make I vectors that are linear in the points of flights from Python's arguments. `varies` (M, U):
-// which points vary. `points` (I, T): the points of each vector, as indices n U + u. `weights`
-// (I, T): their weights. `constants` (I, 2): what is added. See Vectors for `differences`.
+// Check Python's arguments, and make I vectors from them: weighted sums of points of flights.
+// `varies` (M, U): which points vary, not the first and last ones. `points` (I, T): the points of
+// each vector, as indices n U + u. `weights` (I, T): weights of the points. `constants` (I, 2): a
+// constant part of each vector. `differences`: whether the weights of each vector add up to 0.
 Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const py::buffer& weights,
                      const py::buffer& constants, bool differences) {
     const Array<const bool> flags(varies, "varies");

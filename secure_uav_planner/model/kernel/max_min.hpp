@@ -63,7 +63,9 @@ public:
         for (double level = std::max(mu, rate_unit_); ;
              level = std::max(mu, SHARES_MU_FACTOR * level)) {
             for (int step = 0; step < SHARE_STEPS; ++step) {
-                // Newton's system for the prices; its last row keeps the sum of the prices.
+                // Newton's system for the prices; its last row keeps the sum of the prices. The
+                // derivative of share k by price j is
+                // share_k^2 rate_j ([k = j] - share_j^2 / squares) / level.
                 std::fill(matrix.begin(), matrix.end(), 0.0);
                 for (int k = 0; k < G; ++k) right[k] = -offsets[k];
                 right[G] = 0.0;

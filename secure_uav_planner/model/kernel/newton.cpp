@@ -112,8 +112,9 @@ public:
 
     double evaluate_rate(const Iterate& iterate) override { return rates_.find_mean(iterate); }
 
+    // Return the barrier function, for tests. `hessian` has only the objective's part.
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
-        iterate.is_evaluated = false;  // The caller may have changed its arrays.
+        iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
         rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
         constraints_.add_gradient(iterate, find_mu(iterate), gradient);

@@ -34,7 +34,8 @@ public:
         leak_central_.resize(leaks);
     }
 
-    // The least weighted mean of the nodes' secrecy rates in nats, with 0 for negative rates.
+    // Compute the least weighted mean of the nodes' secrecy rates in nats, with 0 for negative
+    // rates. Means begin at the nodes' offsets, which are their head starts.
     double find_mean(const Iterate& iterate) {
         const int G = p_.nodes();
         Reals means = nodes.sum_offsets();
@@ -110,8 +111,9 @@ public:
         }
     }
 
-    // Move the duals of leaks and nodes along their step while they stay positive. `length` is
-    // the step length of the limits' duals, and is lowered. `rows` are filled by MaxMin::fill_rows.
+    // Move the duals of leaks and nodes along their step. `length` is the step length of all duals,
+    // so far of the limits' duals. It is lowered until duals of leaks and nodes stay positive, too.
+    // `rows` are filled by MaxMin::fill_rows, with R numbers for each variable.
     void update_duals(Iterate& iterate, const double* step, double mu, int R, const double* rows,
                       double& length) {
         const int V = size();

@@ -40,9 +40,10 @@ def lift_limits(scenario: Scenario) -> Scenario:
 
 def measure_energies(scenario: Scenario, positions: Array) -> Array:
     """
-    Return the energies of flights, (U,) in J, 0 for a UAV without a propulsion.
+    Return the energy of each UAV's flight, (U,) in J, 0 for a UAV without a propulsion.
 
-    :param positions: of UAVs with a limit of acceleration, (U, N+2, 2) in m, for any N.
+    :param positions: points of the flights, (U, N+2, 2) in m, for any N. All UAVs have a limit of
+        acceleration.
     """
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
     velocities = add_end_moves(np.diff(positions, axis=1) / step, scenario.end_velocities)
@@ -99,9 +100,9 @@ def compile_energies(grid: Grid, positions: Array) -> core.Energies:
     share = np.tile(np.repeat([1.0, 0.5], [slots + 1, slots + 2]), (uavs, 1))
     weights = np.tile(np.repeat([1 / 3, 2 / 3], [slots + 1, slots + 2]), (uavs, 1))
     constants = np.zeros((*share.shape, 2))
-    given = (grid.scenario.end_velocities * grid.slot_duration / grid.length).swapaxes(0, 1)
-    constants[:, -2:] = 0.5 * np.nan_to_num(given)
-    free = np.isnan(given[..., 0])
+    end_moves = (grid.scenario.end_velocities * grid.slot_duration / grid.length).swapaxes(0, 1)
+    constants[:, -2:] = 0.5 * np.nan_to_num(end_moves)
+    free = np.isnan(end_moves[..., 0])
     share[:, -2:][free], weights[:, -2:][free] = 1.0, 5 / 6
     points = np.stack([begin, end], axis=-1) * uavs + np.arange(uavs)[:, None, None]
     moves = compile_vectors(

@@ -110,7 +110,7 @@ class LineLimit(Limit):
 
     :param first: the UAV of each pair, (G,).
     :param second: the UAV whose piece is subtracted, (G,), or None.
-    :param on_curve: see ControlPoints.
+    :param on_curve: whether the limit holds for control points of the curve; see ControlPoints.
     :ivar points: the ControlPoints of all curves.
     :ivar ignored: True for control points that do not vary, (N+2, G, K).
     """
@@ -134,6 +134,7 @@ class LineLimit(Limit):
     def compiled_points(self) -> core.Vectors:
         """Return the kernel's form of the control points of pairs."""
         number, uavs = np.arange(self.grid.slots + 2)[:, None], len(self.grid.fixed)
+        # A control point is a sum of q[n], q[n-1] and q[n+1] with weights, in this order.
         near: NDArray[np.intp] = np.clip(number + [0, -1, 1], 0, number[-1])
         neighbours = near[:, None, None] * uavs
         weights, constant = self.points.all_weights[..., [1, 0, 2]], self.points.constant

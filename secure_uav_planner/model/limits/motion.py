@@ -93,14 +93,15 @@ class NormLimit(Limit):
         positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
         longest = self._lengths(positions).max(axis=1)
         most = (1 - margin) * self.longest
-        over = longest > most
-        if over.any():
+        exceeds = longest > most
+        if exceeds.any():
             reference = self.grid.reference_flight
-            excess = (longest - most)[over]
+            excess = (longest - most)[exceeds]
             least = self._lengths(reference).max(axis=1)
-            slack = np.maximum(most - least, 0)[over]
+            slack = np.maximum(most - least, 0)[exceeds]
             share = excess / (excess + slack)
-            positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
+            positions[exceeds, 1:-1] += share[:, None, None] * (
+                reference - positions)[exceeds, 1:-1]
         return positions
 
     def utilisations(self, positions: Array) -> Array:

@@ -83,9 +83,9 @@ def _stack_polygons(polygons: list[list[Array]]) -> Array:
     vertices than another one has its last vertex again.
     """
     most = max(map(len, polygons))
-    vertices = max(len(polygon) for own in polygons for polygon in own)
+    vertices = max(len(polygon) for of_uav in polygons for polygon in of_uav)
     return np.array([[np.pad(polygon, ((0, vertices - len(polygon)), (0, 0)), 'edge')
-                      for polygon in islice(cycle(own), most)] for own in polygons])
+                      for polygon in islice(cycle(of_uav), most)] for of_uav in polygons])
 
 
 class SeparationLimit(LineLimit):

@@ -1,5 +1,5 @@
 """
-Projection of flights onto those strictly inside all limits, by sequential convex programming.
+Projection of flights strictly inside all limits, by sequential convex programming.
 
 Lines separate each piece of a curve from what it must clear, which makes the limits convex. The
 nearest flight on its side of the lines is found, and lines are chosen anew from there. Many UAVs
@@ -193,6 +193,10 @@ class _Projection:
 
         Variables are displacements from the base in steps, the excess of speed and acceleration,
         and the shortfall to lines.
+
+        :param group: indices of the UAVs that are moved together.
+        :param base: path at which the limits are linearised.
+        :param target: path that the answer stays near.
         """
         step, size = self._step, 2 * self._grid.slots * len(group)
         # The column of x of each point; -1 for points that do not vary.
@@ -219,7 +223,12 @@ class _Projection:
 
     def _line_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    chosen: list[Lines], shortfall: int) -> Iterator[_Rows]:
-        """Yield for each limit a row for every control point of the group near a line."""
+        """
+        Yield for each limit a row for every control point of the group near a line.
+
+        :param columns: column of the x coordinate of each point, -1 for a point that is not moved.
+        :param shortfall: column of the shortfall to lines.
+        """
         step = self._step
         for limit, lines in zip(self._lines, chosen, strict=True):
             weights = limit.points.weights
@@ -231,9 +240,9 @@ class _Projection:
             varies = np.any([
                 weights[:, end[pairs]].any(axis=-1)
                 & np.isin(end[pairs], group)[:, None] for end in ends], axis=0)
-            at = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
-            point, pair, corner = at
-            normal = normals[at[:2]]
+            near = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
+            point, pair, corner = near
+            normal = normals[near[:2]]
             number = np.arange(len(point))
             entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
             for end, sign in zip(ends, (1.0, -1.0)):
@@ -245,11 +254,16 @@ class _Projection:
                     used, column = used[column >= 0], column[column >= 0]
                     for axis in (0, 1):
                         entries.append((used, column + axis, weight[used] * normal[used, axis]))
-            yield entries, slacks[at] - _CLEARANCE
+            yield entries, slacks[near] - _CLEARANCE
 
     def _cone_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    excess: int) -> Iterator[_Rows]:
-        """Yield for each limit three rows, a cone, for every difference of the group's points."""
+        """
+        Yield for each limit three rows, a cone, for every difference of the group's points.
+
+        :param columns: column of the x coordinate of each point, -1 for a point that is not moved.
+        :param excess: column of the excess of speed and acceleration.
+        """
         unit = self._grid.length * self._step
         positions = self._grid.to_positions(base)
         for limit in self._norms:

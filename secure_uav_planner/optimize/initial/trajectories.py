@@ -27,7 +27,8 @@ from ...plan.plan import Plan
 _LONGEST = 2**8  # Largest duration that is tried, as a multiple of the mission's.
 _ACCURACY = 1e-6  # Relative accuracy of a duration limited by speed and acceleration.
 _ACCURACY_AROUND = 2e-4  # Relative accuracy of a duration limited by obstacles.
-_FINER, _LONGER = (2, 4, 8, 16), (1, 4)  # Multiples of slots and of the duration that are tried.
+_FINER = (2, 4, 8, 16)  # Multiples of the number of slots that are tried.
+_LONGER = (1, 4)  # Multiples of the duration that are tried.
 _ROUNDING = 1e-4  # Move [m] by which retract repairs rounding errors.
 
 
@@ -115,7 +116,7 @@ class _Obstruction(NamedTuple):
 
 
 def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoReturn:
-    """Raise the reason why no flights were found; see fly_hover_fly_positions."""
+    """Raise the InfeasibleMissionError that says why no flights were found."""
     scenario, obstructions = problem.scenario, list[_Obstruction]()
     try:
         for number in range(len(scenario.uavs)):

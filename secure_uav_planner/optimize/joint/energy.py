@@ -99,10 +99,10 @@ def _drive_guaranteed(driver: SolverDriver) -> SolverDriver:
 
 def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPointSolver]:
     """
-    Yield solvers of starts after some Newton steps, until one of them leads to a plan.
+    Yield solvers of starts after some Newton steps, until a solver leads to a plan.
 
-    On a coarse grid flights take more energy. If it leads to no plan, the full grid is tried, and
-    then the flights of least energy.
+    On a coarse grid flights take more energy. So the full grid is tried next, and then starts in
+    which each UAV has its flight of least energy.
     """
     full = driver.grid
     slots = max(ENERGY.coarse_slots, math.ceil(full.scenario.duration / ENERGY.slot_duration))
@@ -123,7 +123,7 @@ def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple
             fine = driver.refine_to_full_grid(
                 solver.grid, solver.x[[start]], solver.mu[[start]], solver.prices[[start]])
             driver.finish(fine)
-            # Again with energies that are exact for the flights that were found.
+            # Simpson's rule for energies is made exact for the flights that were found.
             fine = driver.build_solver(fine.grid, fine.x, DESCENT.warm_mu, fine.prices)
             driver.finish(fine)
             yield fine.x[0], fine.prices[0]
@@ -164,7 +164,7 @@ def _find_least(solver: InteriorPointSolver) -> Iterator[_Start]:
 
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
-    """Yield starts from plans without limits of energy; see improve_within_energy."""
+    """Yield starts from the plans without limits of energy: as they are, and with circles."""
     flights = [(best.positions, best.powers, 3) for best in unlimited]
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid

@@ -26,10 +26,10 @@ _NAT = 1 / np.log(2)  # One nat, in bit.
 
 def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
     """
-    Improve the incumbent against the worst places of the discs, problem (P1).
+    Improve the incumbent for problem (P1), against the worst places of the discs.
 
-    :param optima: optima of (P2). They may rank differently in (P1), so the best in (P1) is tried
-        as a second start.
+    :param optima: local optima of problem (P2), whose rate bounds the worst case by a formula. The
+        optimum with the best rate in (P1) is tried as a second start.
     """
     incumbent = driver.incumbent
     driver.raise_if_over()

@@ -22,7 +22,7 @@ def improve(incumbent: Incumbent) -> Status:
     """
     Improve an Incumbent by the joint method until it has converged or must stop.
 
-    :param incumbent: when `warm`, it is the only start.
+    :param incumbent: an Incumbent, which is the only start if it is `warm`.
     :return: the status.
     """
     driver = SolverDriver(incumbent)

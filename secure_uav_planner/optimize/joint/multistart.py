@@ -172,7 +172,7 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
          search: Search, hops: Hops) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) and their rates, (S,), after hops where those raise a rate."""
+    """Return starts (S, N, U, 3) and rates (S,) after hops; a hop is kept if it raises a rate."""
     rng, kept = np.random.default_rng(6), hops.kept
     with suppress(*_FAILURES):
         for _ in range(hops.rounds):

@@ -13,11 +13,11 @@ Range: TypeAlias = tuple[float, float]
 
 class Hops(NamedTuple):
     """
-    Rounds of hops, each of which begins at the best starts.
+    Rounds of hops; each round begins at the best starts.
 
-    :param kept: the most starts at which the first round begins. After a round in which the best
-        rate does not rise there is one less; the rounds end when none is left.
-    :param rounds: the most rounds.
+    :param kept: largest number of starts at which the first round begins. It falls by 1 after a
+        round in which the best rate does not rise; the rounds end when it is 0.
+    :param rounds: largest number of rounds.
     """
 
     kept: int
@@ -145,7 +145,7 @@ class _Multistart(_Numbers):
 
 @dataclass(frozen=True)
 class _Starts(_Numbers):
-    """Random starts, and those that visit several ground nodes."""
+    """Random starts, and starts that visit several ground nodes."""
 
     per_uav: int = 15  # Number of starts for each UAV.
     most: int = 60  # The most starts for all UAVs.
@@ -169,7 +169,7 @@ class _Starts(_Numbers):
     visiting: float = 0.75  # Ratio of numbers of starts with several ground nodes and with one.
     # Barrier parameter of starts that visit ground nodes, in shares of their rates.
     visit_mu: float = 0.03
-    # Least barrier parameter of starts that visit ground nodes, some of which have no rate.
+    # Least barrier parameter of starts that visit ground nodes: a node may have no rate.
     least_mu: float = 3e-4
     # Share of each slack that starts keep free if they visit ground nodes.
     visit_share: float = 0.01

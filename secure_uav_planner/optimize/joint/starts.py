@@ -24,12 +24,13 @@ _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
 def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     """
-    Return S hovering places of fly-hover-fly flights, (S, U, 2) in m; see _visit_nodes for more.
+    Return hovering places of S fly-hover-fly flights, (S, U, 2) in m.
 
-    The paper's come first, the transmitter above the ground node and the jammers above the
-    eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper,
-    where links that help have lines of sight, if these count. They rotate and shift with the map.
-    Receivers that move are where they are at half time, in every second start at random times.
+    With several ground nodes, _visit_nodes extends the places to (S, G, U, 2). The first start is
+    the paper's: the transmitter above the ground node, the jammers above the eavesdroppers in
+    turn. Other starts have random places around receivers, near enough for lines of sight if these
+    count; the places rotate and shift with the map. Receivers that move are taken at half time,
+    and in every second start at random times.
     """
     rng = np.random.default_rng(0)
     uavs = len(scenario.uavs)
@@ -62,11 +63,11 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     """
     Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
 
-    The transmitter visits the nodes in the orders of list_orders in turn, every fourth time at
-    distances; in every other fourth it stays between the nodes or, where it has no jammer, takes a
-    short way.
+    The transmitter visits the nodes in the orders of list_orders in turn: in the first starts
+    above the nodes, later at random distances. In every fourth start it stays between the nodes;
+    without a jammer it takes a short way instead.
 
-    :param places: of starts for the first ground node, (S, U, 2) in m.
+    :param places: hovering places of the starts for the first ground node, (S, U, 2) in m.
     """
     rng = np.random.default_rng(3)
     grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
@@ -90,8 +91,8 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     """
     Return stops from which nodes (G, 2) in m are served in an order without jamming, (G, 2) in m.
 
-    They are the shortest way from start to goal through random places around the nodes at which
-    these win: without a jammer, places on the way between the nodes may not.
+    The stops are random places around the nodes with a positive rate, and form the shortest way
+    from start to goal. Without a jammer, places between the nodes may have no rate.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
@@ -119,12 +120,11 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     """
     Yield one or two batches of strictly feasible starts.
 
-    With several ground nodes most starts visit them, and the first random ones come beside them.
+    With several ground nodes most starts visit the nodes, and the first batch has random starts.
 
-    :param grid: of any number of slots.
-    :param problem: of the grid.
-    :param baseline: flights that keep all limits, (U, N+2, 2) in m, which are the starts where no
-        random ones are found.
+    :param grid: a grid of any number of slots.
+    :param problem: Problem of the grid's scenario.
+    :param baseline: feasible flights, (U, N+2, 2) in m, for starts if no random flight is found.
     :param raise_if_over: called before each flight; what it raises is passed on, as everywhere
         here.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
@@ -173,12 +173,17 @@ def _generate_visiting(grid: Grid, baseline: Array, count: int,
 
 def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
                      raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
-    """Yield two batches of starts through random hovering places; see generate_starts."""
+    """
+    Yield two batches of starts through random hovering places, (S, N, U, 3), and their mu (S,).
+
+    Around obstacles, the first batch also tries other routes to the first hovering places.
+    """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
         places = problem.find_free_places(places[:STARTS.places], raise_if_over)
         alternatives = list(_list_alternatives(problem, places[0]))[:STARTS.alternatives]
+    # Each start has hovering places, routes (None for the shortest), and the side of meeting UAVs.
     shortest = [(place, None, False) for place in places]
     first = shortest[:STARTS.first_batch] + [(places[0], *routes) for routes in alternatives]
     rng = np.random.default_rng(1)
@@ -219,8 +224,8 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     Return the variables (S, N, U, 3) of starts with random jamming powers, and their mu (S,).
 
     Starts 1, 3, 5, ... begin close to the boundary of the limits. Starts 1, 5, 9, ... jam more.
-    Starts 3, 7, 11, ... transmit only in slots that have a rate without jamming, because some
-    missions are won in few slots. Without such a slot they transmit in all slots.
+    Starts 3, 7, 11, ... transmit only in slots that have a rate without jamming, because in some
+    missions few slots deliver. Without such a slot they transmit in all slots.
 
     :param flights: two flights of each start: on the scenario's slots, and on the grid.
     """
@@ -241,11 +246,11 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
 def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
                   raise_if_over: DeadlineCheck) -> tuple[list[int], Array, Array]:
     """
-    Return starts near variables (S, N, U, 3): in a part of the flight one UAV moves, jammers jam.
+    Return starts near variables (S, N, U, 3): one UAV's path and the jamming change for a while.
 
     :param rates: rates of the variables in units, (S,).
-    :return: the numbers of the variables for which there is a start, the starts, and their barrier
-        parameters.
+    :return: the numbers of the variables for which there is a start, the starts, and the barrier
+        parameters of the starts.
     :raises NumericalError: when there are no starts.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
@@ -296,7 +301,7 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
-    :param share: by which to move from the plan into the interior.
+    :param share: share of each slack that the flights and powers keep free.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
     flights = find_interior(grid, positions, share, raise_if_over)
@@ -308,7 +313,12 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
 
 def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
            share: float = STARTS.share) -> Array:
-    """Return the variables of flights and powers, with powers made strictly feasible."""
+    """
+    Return the variables of flights and powers, with powers made strictly feasible.
+
+    :param least: smallest powers, in shares of limit_powers.
+    :param share: share of each slack that the flights keep free, and the powers in part.
+    """
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
     most = 1 - STARTS.power_margin * share
     power = np.clip(powers, least * limit_powers(grid.scenario), most * peak)
@@ -332,7 +342,7 @@ def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: Dea
     Return flights on a grid that are strictly inside their limits, or None.
 
     :param positions: (U, M+2, 2) in m, for any number M of slots.
-    :param share: by which to move into the interior.
+    :param share: share of each slack that the flights keep free.
     :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     flights = resample_flights(positions, grid.slots)

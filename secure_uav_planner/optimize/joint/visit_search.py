@@ -44,17 +44,17 @@ def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: Deadli
     for limit in build_limits(grid):
         if isinstance(limit, NormLimit):
             flights = np.stack([limit.retract(flight) for flight in flights])
-    estimates, power, wins = _estimate(grid, visits, flights, powers)
+    estimates, power, delivers = _estimate(grid, visits, flights, powers)
     best = np.argsort(-estimates, kind='stable')[:count]
-    # Every second start transmits only in the slots that win.
-    wins = wins[best[1::2]]
-    power[best[1::2], 0] *= wins / np.maximum(wins.mean(axis=1, keepdims=True), 1e-3)
+    # Every second start transmits only in slots with a positive rate.
+    delivers = delivers[best[1::2]]
+    power[best[1::2], 0] *= delivers / np.maximum(delivers.mean(axis=1, keepdims=True), 1e-3)
     return flights[best], power[best], estimates[best]
 
 
 def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator,
              raise_if_over: DeadlineCheck) -> Visits:
-    """Return visits after random changes, of which those that raise the estimate are kept."""
+    """Return visits after random changes; a change is kept if it raises the estimate."""
     drawn, estimates = visits, _estimate(grid, visits, fly_visits(grid, visits), powers)[0]
     for number in range(VISIT_SEARCH.most_changes):
         serving = (estimates >= VISIT_SEARCH.served).mean()
@@ -74,8 +74,8 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     """
     Estimate the least mean rates of C starts on a grid.
 
-    :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and the
-        slots that win, (C, N).
+    :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and whether
+        any node has a positive rate in each slot, (C, N).
     """
     scenario = grid.scenario
     slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
@@ -85,15 +85,15 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
         scenario, np.pad(_join(flights[:, :, 1:-1]), ((0, 0), (1, 1), (0, 0))), _join(power),
         times=np.tile(grid.times, len(flights)))
     rates = rates.reshape(len(rates), len(flights), grid.slots)
-    wins = np.asarray((rates > 0).any(axis=0))
-    # A node without a rate counts by how little it lacks.
+    delivers = np.asarray((rates > 0).any(axis=0))
+    # A node without a positive rate gets a small one, which is larger the less the node lacks.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
     rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
-    return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, wins
+    return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, delivers
 
 
 def _join(values: Array) -> Array:
-    """Return values of flights, (C, U, N, ...), after each other, (U, C N, ...)."""
+    """Join the slots of C flights: return values (C, U, N, ...) as (U, C N, ...)."""
     return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
 
 

@@ -233,7 +233,11 @@ class PlanTracking:
 
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
-        """Return the state of each UAV to plan from; None if it is unknown or not to be used."""
+        """
+        Return the state of each UAV to plan from; None if it is unknown or not to be used.
+
+        A UAV `is_held` if its relay stops it, or if it brakes instead of returning to its plan.
+        """
         states = [self._state(name, flight, settings, now) if uav.use_pose else None
                   for name, uav in settings.uavs.items()]
         return [state if state is None or flight is None else state._replace(

@@ -20,8 +20,8 @@ from ...mission.tracks import MAX_SPEED
 from ...mission.validation import Array
 from ...output.autopilots import rotation, Vector
 
-# Shortest and longest time [s] between two positions that give the velocity of a UAV.
-_SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
+_SHORTEST_BASE = 0.2  # Shortest time [s] between two positions that give the velocity of a UAV.
+_LONGEST_BASE = 1.0  # Longest time [s] between two positions that give the velocity of a UAV.
 _LEAST_SPACING = 0.02  # Least time [s] between kept positions, which limits their number.
 
 # Largest time [s] by which odometry, which has a velocity, may be older than a pose and still be
@@ -76,9 +76,9 @@ class _Disc:
 
     position: Point
     radius: float  # m
-    outside: int = 0  # Successive poses whose discs do not meet it.
-    compared: float = -math.inf  # When the last pose was compared with it, in s.
-    is_left: bool = False  # Which has been said.
+    outside: int = 0  # Number of successive poses whose discs do not meet this disc.
+    compared: float = -math.inf  # Time [s] at which the last pose was compared with this disc.
+    is_left: bool = False  # Whether a warning has said that the eavesdropper left this disc.
 
 
 class PoseBook:

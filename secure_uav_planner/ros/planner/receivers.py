@@ -54,9 +54,9 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     """
     Predict the receivers until a horizon, but not beyond the flight.
 
-    :param now: time of the clock in s.
-    :param clock: of the plan, whose time_scale is not 0.
-    :param end: of the flight, in s from point 0.
+    :param now: time of the clock [s].
+    :param clock: clock of the plan, whose time_scale is not 0.
+    :param end: end of the flight [s] from point 0.
     :raises ScenarioError: for a track whose values are out of range.
     """
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
@@ -133,7 +133,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
 
 def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> bool:
     """
-    Return True if a receiver is not where a plan expects it at a time in s from point 0.
+    Return True if a receiver is not where a plan expects it at a time [s] from point 0.
 
     A receiver has moved if it is more than a distance in m away, if it moves and has left its
     disc, or if its radius has changed by a tenth of the distance. The radius of a moving receiver

@@ -139,7 +139,7 @@ class Replanning:
         self._last_planned = -math.inf
         self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
         self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
-        self._counts_from = -math.inf  # Time of the plan from which it has the present receivers.
+        self._updated_from = -math.inf  # Plan time [s] from which receivers are updated.
 
     def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
         """
@@ -172,12 +172,17 @@ class Replanning:
             self._tracking.promise_ends(flight, ahead))
 
     def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if a receiver is not where the plan expects it."""
+        """
+        Return True if a receiver is not where the plan expects it, and the rule need not wait.
+
+        With replan_period alone, only a moving eavesdropper that has left its disc counts.
+        """
         distance = settings.replan_distance
-        return bool(distance or settings.replan_period) and (
-            not self._must_wait(flight, settings, now)) and has_moved(
-                flight.playback.plan.scenario, self._update(flight, settings, now)[0],
-                max(flight.time, self._counts_from), distance)
+        if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
+            return False
+        updated, _ = self._update(flight, settings, now)
+        return has_moved(flight.playback.plan.scenario, updated,
+                         max(flight.time, self._updated_from), distance)
 
     def is_uav_released(self, flight: Flight, settings: PlannerSettings, _: float) -> bool:
         """Return True if a relay that stopped a UAV at the last replan stops it no more."""
@@ -231,9 +236,9 @@ class Replanning:
             distance <= settings.track_tolerance
             for distance in self._tracking.distances(settings, now).values())
 
-    def note_plan(self, now: float, counts_from: float = -math.inf) -> None:
-        """Note a new plan, which has the present receivers from a time `counts_from` on."""
-        self._last_planned, self._has_failed, self._counts_from = now, False, counts_from
+    def note_plan(self, now: float, updated_from: float = -math.inf) -> None:
+        """Note a new plan, whose receivers are updated from the time `updated_from` [s] on."""
+        self._last_planned, self._has_failed, self._updated_from = now, False, updated_from
 
     def note_failure(self, rule: Rule) -> None:
         """Note that the remainder was not planned again by a rule."""

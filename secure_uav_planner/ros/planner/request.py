@@ -102,8 +102,8 @@ class StartTime:
         ahead = min(self.ahead if self.delay else math.inf, until)
         if math.isinf(ahead):
             return limit
-        left = ahead - min(_RESERVE_S, ahead / 2)
-        return left if limit is None else min(limit, left)
+        time_left = ahead - min(_RESERVE_S, ahead / 2)
+        return time_left if limit is None else min(limit, time_left)
 
     def explain(self, error: Exception, settings: PlannerSettings) -> Exception:
         """Return an error of the solve that names start_delay if that was its time limit."""
@@ -160,8 +160,8 @@ class Request:
         """
         plan = self.solved
         if plan is None:
-            left = None if until is None else max(_SHORTEST_SOLVE_S, until - time.monotonic())
-            plan = job.solve(self.scenario, self.settings, left, initial, self.settings.deliver)
+            limit = None if until is None else max(_SHORTEST_SOLVE_S, until - time.monotonic())
+            plan = job.solve(self.scenario, self.settings, limit, initial, self.settings.deliver)
         plan = self.date(plan, now_ns())
         return plan, serialize_plan(plan, self.settings.frame_id)
 

@@ -166,7 +166,7 @@ class Guard:
         self._last = None
 
     def has_ended(self, now: int, limits: Limits) -> bool:
-        """Forget a stream that has ended; return True if it has just ended."""
+        """Return True once when setpoints have ceased to come; the stream is then forgotten."""
         if self.state(now, limits) is not StreamState.ENDED:
             return False
         self.forget_stream()

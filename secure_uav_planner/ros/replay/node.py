@@ -31,13 +31,13 @@ from ...plan.playback import Moment
 from ...plan.player import Player, Point3
 from ...plan.tracking import PUNCTUAL
 
-_LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
-_LONGEST_SIMULATED_TICK = 2.0  # s
+_LONGEST_WAIT = 10.0  # Longest time [s] that a release waits for subscribers of simulated UAVs.
+_LONGEST_SIMULATED_TICK = 2.0  # Longest time [s] between two ticks of a simulated clock.
 # Least frequency of plan_time [Hz]; after 1 s without it a follower is silent.
 _TIME_FREQUENCY = 5.0
-_CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
-_LATE = 3.0  # s after point 0
-_SILENCE = 5.0  # s without a plan, after which paths of another planner are looked for.
+_CLOCK_ERROR = 0.25  # Largest error [s] of the node's clock between two ticks.
+_LATE = 3.0  # Time [s] after point 0 beyond which `autostart` releases no plan.
+_SILENCE = 5.0  # Time [s] without a plan, after which paths of another planner are looked for.
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Replay(WorkingNode):
             brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
         self._is_promised = True  # Whether the slot of the last setpoint is promised.
         self._ticked = time.monotonic()
-        self._release = Release(0)  # The last one.
+        self._release = Release(0)  # Release of the last start.
         self._vehicles = Vehicles()
         self._ticked_ns = 0
         self._lost = set[str]()  # UAVs that are off their plan, so that no power is sent.
@@ -265,7 +265,7 @@ class Replay(WorkingNode):
     def _on_tick(self) -> None:
         """Advance the player, and publish the time of the plan and the setpoints that are due."""
         before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
-        # Upper bound on the elapsed time in s, from the monotonic clock.
+        # Largest time [s] since the last tick that is not a jump of the node's clock.
         longest = (_LONGEST_SIMULATED_TICK if is_simulated(self)
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
