@@ -1,5 +1,5 @@
 """
-Projection of flights strictly inside all limits, by sequential convex programming.
+Moves flights strictly inside all limits, as little as it can, by sequential convex programming.
 
 Lines separate each piece of a curve from what it must clear, which makes the limits convex. The
 nearest flight on its side of the lines is found, and lines are chosen anew from there. Many UAVs
