@@ -13,7 +13,6 @@ from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.cone_program import minimise_utilisation
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial.trajectories import check_durations
-from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import scenarios, with_uavs
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
@@ -135,16 +134,6 @@ def test_a_search_for_the_time_that_a_uav_needs_ends_with_the_time_limit():
         calls, most = [], last
         with pytest.raises(error, match=text):
             check_durations(Problem(scenario), check)
-
-
-@pytest.mark.parametrize('point', [0, 1, 57, 118])
-def test_the_tail_of_a_plan_goes_on_with_the_velocity_it_has(point):
-    plan = solve(limit_paper(120, 2.0))
-    tail = cut_tail(plan, point)
-    again = solve(tail.scenario, initial=tail)
-    assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6
-    whole = continue_plan(plan, point, again)  # which checks the acceleration where they meet
-    assert whole.guaranteed_rate >= plan.guaranteed_rate - 1e-6
 
 
 @settings(max_examples=60)
