@@ -49,9 +49,6 @@ def test_each_example_can_be_planned_as_it_is(tmp_path, capsys, name):
     assert name != 'city' or scenario == Scenario.load(city.FILE)
     assert (len(scenario.ground_nodes) > 1) == (name == 'several-nodes')
     assert scenario.has_tracks == (name == 'convoy')
-
-
-def test_the_examples_are_those_of_the_reference():
     assert set(EXAMPLES) == {'paper', 'city', 'several-nodes', 'convoy'}
 
 
