@@ -62,13 +62,6 @@ def start_flight(plan, seconds, released=0.0, mutes=False):
     return bench
 
 
-def plan_return(plan):
-    """Return a plan that leads back to the starts, and begins after the first one."""
-    back = replace(plan.scenario, uavs=tuple(
-        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
-    return replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
-
-
 @pytest.mark.parametrize('released, lag', [(0.0, 0.0), (9.0, 4.0)], ids=['early', 'late'])
 def test_a_plan_is_flown_as_a_whole_from_its_time_or_from_a_later_release(plan, released, lag):
     bench = start_flight(plan, 4.0 if not released else STEP, released)
@@ -234,7 +227,9 @@ def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahe
 @pytest.mark.parametrize('is_paused', [False, True])
 def test_a_plan_back_begins_after_the_flight_at_its_own_time_and_not_in_a_pause(plan, is_paused):
     bench = start_flight(plan, 25.0)
-    home = plan_return(plan)
+    back = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
+    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
     bench.player.load(home)
     bench.run(bench.player.playback.duration - bench.player.flight.time - 0.5)
     if is_paused:

@@ -1,7 +1,6 @@
 """Campaigns: every mission once, none lost, whatever dies on the way."""
 
 import csv
-from dataclasses import replace
 import fcntl
 import json
 import os
@@ -20,6 +19,7 @@ import pytest
 from secure_uav_planner import Plan, run_campaign, Scenario, solve
 from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
+from strategies import with_eavesdroppers
 from test_cli import MODULE, PATIENCE
 
 CAMPAIGN = """
@@ -88,9 +88,7 @@ def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
         if row['method'] == 'joint' and row['outcome'] == 'ok':
             scenario = Scenario.paper(120.0, row['fields']['eavesdroppers.*.error_radius'], 8)
             place = tuple(row['fields']['eavesdroppers.0.position'])
-            scenario = replace(scenario, eavesdroppers=(
-                replace(scenario.eavesdroppers[0], position=place),))
-            plan = solve(scenario, objective=row['objective'])
+            plan = solve(with_eavesdroppers(scenario, position=place), objective=row['objective'])
             assert row['worst_case_rate'] == pytest.approx(plan.worst_case_rate, abs=1e-6)
             assert row['guaranteed_rate'] == pytest.approx(plan.guaranteed_rate, abs=1e-6)
             break
@@ -322,19 +320,13 @@ def test_a_fault_of_the_program_is_told_as_one_and_not_planned_again(folder, cap
     assert [row['outcome'] for row in rows].count('fault') == 8
 
 
-def distributed_client(address):
-    """Return a client of a scheduler."""
-    from distributed import Client
-    return Client(address)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'cluster', [{'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '0'}], indirect=True)
 def test_a_mission_that_lost_its_worker_is_reported_and_retried(folder, cluster):
     address, (_, victim, _) = cluster
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
-    with distributed_client(address) as client:
+    with pytest.importorskip('distributed').Client(address) as client:
         client.wait_for_workers(2, PATIENCE)
     victim.send_signal(signal.SIGSTOP)  # So it gets missions, and finishes none.
     arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
