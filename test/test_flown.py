@@ -254,22 +254,20 @@ def test_wrong_arguments_are_named(plan, tmp_path):
         read_flight(tmp_path / 'a.csv', plan, at='noon')
 
 
-def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path, capsys):
+def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path, command):
     plan.save(tmp_path / 'plan.json')
-    source = str(write_logs(flight, 'csv', tmp_path))
-    assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source]) == 0
-    assert 'tracking_margin' in capsys.readouterr().out
+    words = 'assess', tmp_path / 'plan.json', '--flown'
+    source = write_logs(flight, 'csv', tmp_path)
+    assert 'tracking_margin' in command(*words, source).out
     assert (tmp_path / 'plan.flown.png').stat().st_size > 10_000
     page = tmp_path / 'flown.html'
-    assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source, '-o', str(page)]) == 0
+    command(*words, source, '-o', page)
     assert page.read_text().count('"name":"flown"') == 3  # Two ways and the rates.
     short = fly(plan, DELAY, OFFSET, after=-40.0)
     write_csv(short, tmp_path / 'short.csv', START_NS * 1e-9)
-    command = ['assess', str(tmp_path / 'plan.json'), '--flown', str(tmp_path / 'short.csv')]
-    capsys.readouterr()
-    assert main([*command, '--json']) == 3
-    assert 0.5 < json.loads(capsys.readouterr().out)['coverage'] < 0.7
-    assert main([*command[:-1], str(tmp_path / 'none.csv')]) in (1, 2)
+    out, _ = command(*words, tmp_path / 'short.csv', '--json', status=3)
+    assert 0.5 < json.loads(out)['coverage'] < 0.7
+    command(*words, tmp_path / 'none.csv', status=2)
 
 
 @pytest.fixture(scope='module')
@@ -414,15 +412,13 @@ def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):
         assert flight.shifts['uav1'].seconds == pytest.approx(DELAY, abs=0.05)
 
 
-def test_a_log_of_another_time_covers_nothing_and_says_so(plan, flight, tmp_path, capsys):
+def test_a_log_of_another_time_covers_nothing_and_says_so(plan, flight, tmp_path, command):
     later = replace(plan, start_ns=START_NS + 10**12)
     later.save(tmp_path / 'plan.json')
-    source = str(write_logs(flight, 'csv', tmp_path))
-    command = ['assess', str(tmp_path / 'plan.json'), '--flown', source, '--at', 'utc',
-               '--shift', 'uav1=0,0', 'uav2=0,0']
-    assert main(command) == 3
-    assert 'not covered: slots 1 to 55' in capsys.readouterr().out
-    assert main([*command, '--json']) == 3
-    values = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    words = ['assess', tmp_path / 'plan.json', '--flown', write_logs(flight, 'csv', tmp_path),
+             '--at', 'utc', '--shift', 'uav1=0,0', 'uav2=0,0']
+    assert 'not covered: slots 1 to 55' in command(*words, status=3).out
+    out, _ = command(*words, '--json', status=3)
+    values = json.loads(out, parse_constant=pytest.fail)
     assert values['coverage'] == 0.0 and values['uncovered_slots'] == [*range(1, 56)]
     assert values['uavs']['uav1']['error_max_m'] is values['guaranteed_rate'] is None
