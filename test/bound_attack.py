@@ -18,19 +18,13 @@ from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.model.problem import Problem
 
 
-def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
-    """Return the MultiplierSearch of a team, run from a plan."""
-    search = MultiplierSearch(team, plan.positions, plan.powers)
-    for tau in temperatures:
-        search.minimise(tau, 6)
-    return search
-
-
 def certify_plan(plan, most=400, curved=False):
     """Return the team and the certificate of a plan's scenario, for the plan's objective."""
     team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, plan.objective),
                    DetourSearch(Airspace(plan.scenario)).detours, most)
-    search = run_search(team, plan)
+    search = MultiplierSearch(team, plan.positions, plan.powers)
+    for tau in (0.3, 0.1, 0.03, 0.01):
+        search.minimise(tau, 6)
     if curved:
         search.add_quadratic_part()
         search.minimise(0.01, 12)

@@ -29,8 +29,12 @@ def mission(seed, slots=6, jammers=1, eavesdroppers=1, **options):
 
 def region_of(seed, uav=0, **options):
     """Return the reachable set of a UAV of a random mission."""
-    scenario = mission(seed, **options)
-    return ReachableSet.of(scenario, uav, SlotGroups.of(scenario.slots),
+    return reach(mission(seed, **options), uav=uav)
+
+
+def reach(scenario, groups=None, uav=0):
+    """Return the reachable set of a UAV, for discs and without obstacles."""
+    return ReachableSet.of(scenario, uav, groups or SlotGroups.of(scenario.slots),
                            EavesdropperSubset.of(scenario, 'guaranteed'), None)
 
 
@@ -51,17 +55,21 @@ def random_potential(region, groups, rng, curved):
                      groups, region)
 
 
-def values(terms, k, places, powers):
-    """Return the values of term k at places and powers, by the plain formulas."""
-    potential, group = terms.potential, terms.cell[k]
-    region = potential.region
-    ground, leaks = region.log_squares(places)
+def potential_at(potential, group, places):
+    """Return what a potential adds at places in a slot of a group, by the plain formulas."""
     x, y = places.T
     slope, curvature = (part[group] for part in potential.change)
     value = places @ slope + curvature @ [x * x / 2, x * y, y * y / 2]
     value += potential.constant()[group]
     f, u1, u2, s11, s12, s22 = potential.speed_cost()[group]
-    value += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
+    return value + f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
+
+
+def values(terms, k, places, powers):
+    """Return the values of term k at places and powers, by the plain formulas."""
+    region = terms.potential.region
+    ground, leaks = region.log_squares(places)
+    value = potential_at(terms.potential, terms.cell[k], places)
     if terms.powers is None:
         return value + terms.weight[k] * (region.log_gain - ground) + (
             leaks - region.log_gain) @ terms.v[k]

@@ -142,6 +142,19 @@ def client():
 
 
 @pytest.fixture
+def command(capsys):
+    """Return a function that runs the command; it returns what is printed on out and err."""
+    main = import_module('secure_uav_planner.apps.cli').main
+
+    def run(*words, status=0):
+        capsys.readouterr()
+        ended, printed = main([*map(str, words)]), capsys.readouterr()
+        assert ended == status, printed
+        return printed
+    return run
+
+
+@pytest.fixture
 def planner():
     """Return a planner of the paper's mission in few slots, for quick solves."""
     pytest.importorskip('rclpy')

@@ -140,6 +140,12 @@ def with_uavs(scenario, **fields):
     return replace(scenario, uavs=tuple(replace(uav, **fields) for uav in scenario.uavs))
 
 
+def with_eavesdroppers(scenario, **fields):
+    """Return a scenario with the same fields for all eavesdroppers."""
+    return replace(scenario, eavesdroppers=tuple(
+        replace(eve, **fields) for eve in scenario.eavesdroppers))
+
+
 def random_powers(scenario, rng):
     """Return feasible powers, some of them zero, (U, N) in W."""
     peaks = np.array([[uav.peak_power] for uav in scenario.uavs])

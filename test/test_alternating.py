@@ -1,4 +1,3 @@
-from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 
@@ -8,7 +7,7 @@ import oracle
 import pytest
 from secure_uav_planner import fly_hover_fly, METHODS, Plan, Scenario, solve
 from secure_uav_planner.optimize.initial import is_similar
-from strategies import make_crowd, scenarios, with_uavs
+from strategies import make_crowd, scenarios, with_eavesdroppers, with_uavs
 
 
 @pytest.mark.parametrize('duration, at_least', [
@@ -51,17 +50,19 @@ def test_at_the_deadline_there_is_a_feasible_plan(monkeypatch, method):
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
 
 
-@pytest.mark.parametrize('uavs, eavesdroppers, slots', [(16, 16, 190), (2, 12, 2000)])
-def test_the_largest_scenarios_end_at_their_deadline(uavs, eavesdroppers, slots):
-    plan = solve(make_crowd(uavs, eavesdroppers, slots), method='alternating', time_limit=0.1)
+@pytest.mark.parametrize('method, uavs, eavesdroppers, slots, limit', [
+    ('alternating', 16, 16, 190, 0.1), ('alternating', 2, 12, 2000, 0.1),
+    ('joint', 32, 32, 1085, 1.0), ('joint', 7, 32, 20000, 1.0)])
+def test_the_largest_scenarios_end_at_their_deadline(method, uavs, eavesdroppers, slots, limit):
+    plan = solve(make_crowd(uavs, eavesdroppers, slots), method, time_limit=limit,
+                 objective='guaranteed')
     assert plan.status == 'time_limit'
 
 
 def test_a_warm_start_begins_at_its_plan():
     scenario = Scenario.paper(102, slots=51)
     cold = solve(scenario, method='alternating')
-    moved = replace(scenario, eavesdroppers=(
-        replace(scenario.eavesdroppers[0], position=(205.0, 0.0)),))
+    moved = with_eavesdroppers(scenario, position=(205.0, 0.0))
     warm = solve(moved, method='alternating', initial=cold)
     assert warm.history[0].guaranteed_rate > fly_hover_fly(moved, 'optimised').guaranteed_rate
     assert len(warm.history) < len(cold.history)
@@ -70,6 +71,5 @@ def test_a_warm_start_begins_at_its_plan():
 @given(st.floats(0, 300))
 def test_missions_are_similar_while_the_eavesdropper_is_within_a_height(distance):
     scenario = Scenario.paper()
-    changed = replace(scenario, eavesdroppers=(
-        replace(scenario.eavesdroppers[0], position=(200.0, distance)),))
+    changed = with_eavesdroppers(scenario, position=(200.0, distance))
     assert is_similar(changed, scenario) == (distance <= 100.0)

@@ -13,7 +13,6 @@ import pytest
 from scipy import stats
 from secure_uav_planner import (
     assess, Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, World)
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import world as worlds
 from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.model.problem import Problem
@@ -285,21 +284,19 @@ def test_where_uavs_really_were_counts_instead_of_the_plan(plan):
 # Command, picture and table
 
 
-def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
+def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, command):
     plan.save(tmp_path / 'plan.json')
-    assert main(['assess', str(tmp_path / 'plan.json'), '--draws', '50', '--seed', '4']) == 0
-    told = capsys.readouterr().out
+    told, _ = command('assess', tmp_path / 'plan.json', '--draws', '50', '--seed', '4')
     found = assess(plan, 50, 4)
     assert told == f'{assessment_table(found)}\n\nwritten: {tmp_path / "plan.assess.png"}\n'
     assert imread(tmp_path / 'plan.assess.png').shape[1] == 1800
-    assert main(['assess', str(tmp_path / 'plan.json'), '-o', str(tmp_path / 'a.svg'),
-                 '--place', 'normal', '--covariance', '90', '40', '30', '--receiver-db', '3',
-                 '--los', 'urban', '--exponent', '2.2', '--rician-k-db', '7', '--mean-gain',
-                 '--draws', '50']) == 0
+    told, _ = command('assess', tmp_path / 'plan.json', '-o', tmp_path / 'a.svg',
+                      '--place', 'normal', '--covariance', '90', '40', '30', '--receiver-db', '3',
+                      '--los', 'urban', '--exponent', '2.2', '--rician-k-db', '7', '--mean-gain',
+                      '--draws', '50')
     world = World('normal', ((90, 40), (40, 30)), receiver_db=3.0, los_distance=None,
                   channel=Channel(2.2, 'urban', False, 7.0, 0.5))
-    wanted = assess(plan, 50, 0, world)
-    assert assessment_table(wanted) in capsys.readouterr().out
+    assert assessment_table(assess(plan, 50, 0, world)) in told
 
 
 @pytest.mark.parametrize('options, named', [
@@ -310,11 +307,10 @@ def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
     (['--speed-factor', '2'], '--speed-factor is 2; the plan must have an eavesdropper with a'),
     (['--exponent', '9'], '')])
 def test_wrong_options_of_the_command_are_bad_input_and_named(
-        plan, tmp_path, monkeypatch, capsys, options, named):
+        plan, tmp_path, monkeypatch, command, options, named):
     monkeypatch.chdir(tmp_path)
     plan.save('plan.json')
-    assert main(['assess', 'plan.json', *options]) == 2
-    told = capsys.readouterr().err
+    _, told = command('assess', 'plan.json', *options, status=2)
     assert told.count('\n') == 1 and told.startswith(f'secure_uav_planner: {named}')
 
 

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import Scenario
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.output.autopilots import AUTOPILOTS, changes, lean
 
 GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'autopilots.md'
@@ -68,7 +67,7 @@ def mission(folder, *limits):
     replace(scenario, uavs=tuple(
         replace(uav, max_speed=speed, max_acceleration=acceleration)
         for uav, (speed, acceleration) in zip(scenario.uavs, limits))).save(file)
-    return str(file)
+    return file
 
 
 @pytest.mark.parametrize('autopilot, limits, lines', [
@@ -83,6 +82,6 @@ def mission(folder, *limits):
         'most 8000)']),
     ('px4', [(10.0, None)] * 2, [
         'px4, uav1, uav2 at 10 m/s: no autopilot follows a plan without max_acceleration'])])
-def test_the_command_names_each_parameter_to_change(tmp_path, capsys, autopilot, limits, lines):
-    assert main(['check', '--autopilot', autopilot, mission(tmp_path, *limits)]) == 0
-    assert capsys.readouterr().out.splitlines()[1:] == lines
+def test_the_command_names_each_parameter_to_change(tmp_path, command, autopilot, limits, lines):
+    out, _ = command('check', '--autopilot', autopilot, mission(tmp_path, *limits))
+    assert out.splitlines()[1:] == lines

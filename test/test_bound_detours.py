@@ -16,6 +16,7 @@ from secure_uav_planner.bound.proof.terms import Potential
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.model.airspace import Airspace, VisibilityGraph
 import shapely
+from strategies import with_uavs
 
 
 def regions_of(scenario, most=10**6):
@@ -27,9 +28,7 @@ def regions_of(scenario, most=10**6):
 
 def straight(seed):
     """Return a random city without limits of acceleration."""
-    scenario = random_city_mission(seed)
-    return replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=None) for uav in scenario.uavs))
+    return with_uavs(random_city_mission(seed), max_acceleration=None)
 
 
 def path_lengths_and_bounds(seed, count=300):

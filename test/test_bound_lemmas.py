@@ -4,7 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from bound_attack import slot_groups
-from bound_parts import mission, places_in, random_potential, region_of, softplus, values
+from bound_parts import (
+    mission, places_in, potential_at, random_potential, reach, region_of, softplus, values)
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from secure_uav_planner import Eavesdropper, Plan, Scenario, Uav
 from secure_uav_planner.bound.proof import certificate
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.reachable_set import Cells, ReachableSet, Team
-from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, margin, SlotGroups
+from secure_uav_planner.bound.proof.relaxation import margin, SlotGroups
 from secure_uav_planner.bound.proof.terms import Potential, Terms, TOLERANCE
 from secure_uav_planner.bound.search.columns import Columns
 from secure_uav_planner.bound.search.slot_bounds import SlotBounds
@@ -143,8 +144,7 @@ def least_cost(seed, kind, limited):
     rng = np.random.default_rng(seed)
     path, scenario = tight_flight(rng, limited)
     groups = SlotGroups.of(6, most)
-    region = ReachableSet.of(
-        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(scenario, groups)
     path, group = region.local(path), slot_groups(groups)
     assert region.contains(path[1:-1], group).all()
     assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[group]).all()
@@ -165,15 +165,8 @@ def least_cost(seed, kind, limited):
             potential = Potential(potential.slope * 0.1 + moves, potential.curvature * 0.1,
                                   potential.acceleration * rng.choice([0.0, 0.3, 1.0]), groups,
                                   region)
-        total = potential.end_cost()
-        for n in range(1, 7):
-            k = group[n - 1]
-            slope, curvature = (part[k] for part in potential.change)
-            x, y = path[n]
-            total += slope @ path[n] + curvature @ [x * x / 2, x * y, y * y / 2]
-            total += potential.constant()[k]
-            f, u1, u2, s11, s12, s22 = potential.speed_cost()[k]
-            total += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
+        total = potential.end_cost() + sum(
+            potential_at(potential, k, place) for k, place in zip(group, path[1:-1]))
         least = min(least, total)
     return least
 
@@ -208,8 +201,7 @@ def test_a_flight_without_acceleration_satisfies_lemma_8_for_large_accelerations
               max_acceleration=1e-6, start_velocity=tuple(velocity), goal_velocity=tuple(velocity))
     scenario = Scenario((0.0, 0.0), (Eavesdropper((50.0, 0.0)),), (uav,), 6.0, 6)
     groups = SlotGroups.of(6, most)
-    region = ReachableSet.of(
-        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(scenario, groups)
     path = region.local(path)
     # Along the flight, speed and acceleration may pay for one another.
     slope, acceleration = rng.normal(0, 1, (2, most + 1, 1)) * [1.0, 0.0]
@@ -250,8 +242,7 @@ def test_start_and_goal_are_on_the_first_axis_of_a_uavs_frame(seed):
     rng, scenario = np.random.default_rng(seed), mission(seed, jammers=0)
     uav = replace(scenario.uavs[0], start=(0.0, 0.0), max_speed=1e3, altitude=10**rng.uniform(
         -3, 6), goal=tuple(rng.normal(size=2) * 10**rng.uniform(-12, 3)))
-    region = ReachableSet.of(replace(scenario, uavs=(uav,)), 0, SlotGroups.of(6),
-                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(replace(scenario, uavs=(uav,)))
     ends = region.unit * region.local(np.array([uav.start, uav.goal]))
     np.testing.assert_allclose(ends, [[0.0, 0.0], [region.unit * region.distance, 0.0]], atol=1e-8)
     np.testing.assert_allclose(region.axes @ region.axes.T, np.eye(2), atol=1e-12)
@@ -276,8 +267,7 @@ def test_the_fastest_flight_within_all_tolerances_is_at_the_rim_of_its_reachable
               1.0, 1.0, (change - miss) / ts**2, *velocities)
     scenario = Scenario((0.0, 0.0), (Eavesdropper((50.0, 0.0)),), (uav,), slots * ts, slots)
     plan = Plan(scenario, path[None], np.full((1, slots), 1.0 + excess))
-    region = ReachableSet.of(scenario, 0, SlotGroups.of(slots),
-                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(scenario)
     assert region.contains(region.local(plan.positions[0, 1:-1]), np.arange(slots)).all()
     for most, flown in ((region.from_start, path), (region.to_goal, path - uav.goal)):
         assert (most * region.unit <= np.hypot(*flown[1:-1].T) + 5e-5).all()
@@ -291,9 +281,8 @@ def test_a_slot_of_a_group_costs_no_less_than_the_mean_of_its_slots_alone(seed, 
     """T is convex, so potentials interpolated between a group's edges never exceed its own T."""
     rng = np.random.default_rng(seed)
     _, scenario = tight_flight(rng, '')
-    subset = EavesdropperSubset.of(scenario, 'guaranteed')
     groups, alone = SlotGroups.of(6, most), SlotGroups.of(6)
-    shared, own = (ReachableSet.of(scenario, 0, part, subset, None) for part in (groups, alone))
+    shared, own = (reach(scenario, part) for part in (groups, alone))
     slope, acceleration = rng.normal(0, 1, (2, most + 1, 2)) * rng.choice([0.0, 1.0], (2, 1, 1))
 
     def interpolate(edges):
@@ -305,10 +294,8 @@ def test_a_slot_of_a_group_costs_no_less_than_the_mean_of_its_slots_alone(seed, 
 
 
 def test_quadratic_potentials_in_groups_of_several_slots_are_refused():
-    scenario = mission(1)
     groups = SlotGroups.of(6, 4)
-    region = ReachableSet.of(
-        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(mission(1), groups)
     with pytest.raises(AssertionError, match='one slot'):
         random_potential(region, groups, np.random.default_rng(1), True)
 
@@ -407,8 +394,7 @@ def test_the_margin_of_a_bound_exceeds_its_rounding_errors(seed, curved, size):
 def test_rounded_coordinates_change_the_logarithm_of_a_gain_by_less_than_the_margin(seed):
     rng, scenario = np.random.default_rng(seed), mission(seed, jammers=0)
     low = replace(scenario.uavs[0], altitude=10**rng.uniform(-3, 0))
-    region = ReachableSet.of(replace(scenario, uavs=(low,)), 0, SlotGroups.of(6),
-                             EavesdropperSubset.of(scenario, 'guaranteed'), None)
+    region = reach(replace(scenario, uavs=(low,)))
     places = scenario.ground_node + low.altitude * rng.normal(size=(1000, 2))
     squares = ((places - scenario.ground_node)**2).sum(1) + low.altitude**2
     error = region.log_squares(region.local(places))[0] - np.log(squares / region.unit**2)

@@ -97,14 +97,20 @@ def test_a_mission_too_tight_for_few_slots_starts_on_more():
     assert plan.status == 'converged'
 
 
-@pytest.mark.parametrize('point', [1, 25, 59])
-def test_a_tail_is_planned_around_obstacles(point):
-    plan, _ = fly(random_city_mission(1, slots=60))
-    tail = cut_tail(plan, point)
-    again = solve(tail.scenario, initial=tail, objective='guaranteed')
-    check_flight(again)
-    assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6
-    check_flight(continue_plan(plan, point, again))
+@pytest.mark.parametrize('scenario, points', [
+    (random_city_mission(1, slots=60), (1, 25, 59)),
+    (with_uavs(Scenario.paper(120.0), max_acceleration=2.0), (0, 1, 57, 118))],
+    ids=['city', 'limit of acceleration'])
+def test_a_tail_goes_on_with_the_velocity_it_has_around_obstacles(scenario, points):
+    plan, _ = fly(scenario)
+    for point in points:
+        tail = cut_tail(plan, point)
+        again = solve(tail.scenario, initial=tail, objective='guaranteed')
+        check_flight(again)
+        assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6, point
+        whole = continue_plan(plan, point, again)  # It checks the acceleration where they meet.
+        check_flight(whole)
+        assert whole.guaranteed_rate >= plan.guaranteed_rate - 1e-6, point
 
 
 def test_a_plan_for_another_mission_is_bent_around_obstacles():

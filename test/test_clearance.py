@@ -11,6 +11,7 @@ from secure_uav_planner.errors import PlanError
 from secure_uav_planner.model.airspace.clearance import Clearance, least_distance, Pieces
 from secure_uav_planner.model.curve import Curve
 import shapely
+from strategies import with_uavs
 
 SAMPLES = 2001
 
@@ -50,16 +51,10 @@ def sample_curve(scenario, positions):
     return curve, curve.at(times).positions
 
 
-def at_rest(scenario):
-    """Return the scenario with rest at all ends."""
-    return replace(scenario, uavs=tuple(replace(
-        uav, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0)) for uav in scenario.uavs))
-
-
 @given(st.integers(0, 10**6))
 def test_the_smallest_distance_between_uavs_is_that_of_dense_samples(seed):
     scenario, positions = random_flights(seed)
-    scenario = at_rest(scenario)
+    scenario = with_uavs(scenario, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
     curve, places = sample_curve(scenario, positions)
     nearest = Clearance(scenario, curve).between_uavs
     names = [uav.name for uav in scenario.uavs]

@@ -71,67 +71,63 @@ def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     assert 0 <= float(percent) - 100 * (1 - plan.worst_case_rate / plan.bound.rate) < 0.1 + 1e-9
 
 
-def test_a_bound_that_its_time_limit_ended_says_how_to_ask_for_more(tmp_path, capsys):
+def test_a_bound_that_its_time_limit_ended_says_how_to_ask_for_more(tmp_path, command):
     Scenario.paper(120.0, slots=20).save(tmp_path / 'mission.yaml')
-    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path), '--no-baselines',
-                 '--bound-time-limit', '0.01']) == 0
+    out, _ = command('plan', tmp_path / 'mission.yaml', '-o', tmp_path, '--no-baselines',
+                     '--bound-time-limit', '0.01')
     assert re.search(r'\nproven in .* s, when its time limit was over; a larger '
-                     r'--bound-time-limit may prove more\n', capsys.readouterr().out)
+                     r'--bound-time-limit may prove more\n', out)
 
 
 @pytest.mark.parametrize('scenario, reason', [
     (replace(Scenario.paper(120.0, slots=10), channel=Channel(los='urban')), 'free space'),
     (make_crowd(3, 1, 10), '2 jammers')], ids=['channel', 'jammers'])
 def test_a_mission_without_a_proof_is_planned_and_its_plan_says_so(
-        scenario, reason, tmp_path, capsys):
+        scenario, reason, tmp_path, command):
     scenario.save(tmp_path / 'mission.yaml')
-    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path),
-                 '--no-baselines']) == 0
-    out, err = capsys.readouterr()
+    out, err = command('plan', tmp_path / 'mission.yaml', '-o', tmp_path, '--no-baselines')
     assert 'no bound: ' in out and reason in out and 'bound' not in err
     assert 'fly_hover_fly' not in out
     assert Plan.load(tmp_path / 'plan.json').bound is None
 
 
-def test_a_plan_with_an_origin_is_written_as_a_map_in_degrees(planned, tmp_path, capsys):
+def test_a_plan_with_an_origin_is_written_as_a_map_in_degrees(planned, tmp_path, command):
     scenario = replace(Scenario.paper(120.0, slots=10), origin=Origin(47.4, 8.5))
     scenario.save(tmp_path / 'mission.yaml')
-    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path),
-                 '--bound-time-limit', '0', '--no-baselines']) == 0
+    out, _ = command('plan', tmp_path / 'mission.yaml', '-o', tmp_path, '--bound-time-limit', '0',
+                     '--no-baselines')
     file = tmp_path / 'plan.geojson'
-    assert str(file) in capsys.readouterr().out
-    assert main(['show', str(tmp_path / 'plan.json'), '-o', str(tmp_path / 'x.GeoJSON')]) == 0
+    assert str(file) in out
+    command('show', tmp_path / 'plan.json', '-o', tmp_path / 'x.GeoJSON')
     assert (tmp_path / 'x.GeoJSON').read_text() == file.read_text()
     Plan.load(tmp_path / 'plan.json').to_geojson(tmp_path / 'y.geojson')
     assert (tmp_path / 'y.geojson').read_text() == file.read_text()
-    capsys.readouterr()
     plain = planned[0] / 'a' / 'b' / 'plan.json'
-    assert main(['show', str(plain), '-o', str(tmp_path / 'z.geojson')]) == 2
-    out, err = capsys.readouterr()
+    out, err = command('show', plain, '-o', tmp_path / 'z.geojson', status=2)
     assert out == '' and 'plan.json has no places in degrees; give its mission an origin' in err
     assert not (tmp_path / 'z.geojson').exists()
 
 
-def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, capsys):
+def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, command):
     def fail(*_, **__):
         raise MemoryError
     monkeypatch.setattr('secure_uav_planner.apps.planning.upper_bound', fail)
     Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
-    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path)]) == 1
+    _, err = command('plan', tmp_path / 'mission.yaml', '-o', tmp_path, status=1)
     file = tmp_path / 'plan.json'
-    assert f'written: {file}\n' in capsys.readouterr().err
+    assert f'written: {file}\n' in err
     assert Plan.load(file).bound is None
 
 
-def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
+def test_show_draws_a_plan_and_prints_its_rates(planned, command):
     folder, _ = planned
     file = folder / 'a' / 'b' / 'plan.json'
     for name, start in (('x.svg', b'<?xml'), ('x.PNG', b'\x89PNG'), ('x.html', b'<')):
-        assert main(['show', str(file), '-o', str(folder / name)]) == 0
+        out, _ = command('show', file, '-o', folder / name)
         assert (folder / name).read_bytes().startswith(start)
-    assert f'{Plan.load(file).guaranteed_rate:.4f}' in capsys.readouterr().out
-    assert main(['show', str(file), '-o', str(folder / 'x.doc')]) == 2
-    assert '.png, .svg, .pdf, .html, .geojson' in capsys.readouterr().err
+        assert f'{Plan.load(file).guaranteed_rate:.4f}' in out
+    _, err = command('show', file, '-o', folder / 'x.doc', status=2)
+    assert '.png, .svg, .pdf, .html, .geojson' in err
 
 
 @pytest.mark.parametrize('arguments, reason', [
@@ -157,12 +153,11 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
     (['node', 'replay', 'rate:=5'], 'did you mean --ros-args -p rate:=5?'),
     (['node', 'relay', '-p', 'stack:=px4'], 'did you mean --ros-args -p stack:=px4?'),
     (['fly'], "there is no command 'fly'; there are plan, check, new")])
-def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
+def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, command, arguments, reason):
     monkeypatch.chdir(tmp_path)
     Scenario.paper(120.0, slots=10).save('mission.json')
     Path('lost').symlink_to('/no/disk')
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
+    out, err = command(*arguments, status=2)
     assert out == '' and len(err.splitlines()) == 1 and reason in err
     assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out', 'lost'}
 
@@ -198,32 +193,31 @@ def test_pictures_do_not_depend_on_the_settings_of_the_user(planned, tmp_path):
     assert len(pictures) == 1
 
 
-def test_what_cannot_be_drawn_is_a_line_and_the_rest_is_written(tmp_path, monkeypatch, capsys):
+def test_what_cannot_be_drawn_is_a_line_and_the_rest_is_written(tmp_path, monkeypatch, command):
     def fail(*_):
         raise RuntimeError('no font')
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('secure_uav_planner.output.picture.save_picture', fail)
     monkeypatch.setattr('secure_uav_planner.output.figures.save_assessment', fail)
     Scenario.paper(120.0, slots=10).save('mission.yaml')
-    assert main(['plan', 'mission.yaml', '--no-baselines', '--bound-time-limit', '0']) == 0
-    out, err = capsys.readouterr()
+    out, err = command('plan', 'mission.yaml', '--no-baselines', '--bound-time-limit', '0')
     [line] = err.splitlines()
     assert line == 'out/plan.png cannot be drawn: RuntimeError: no font'
     assert 'plan.html' in out and 'plan.png' not in out and Path('out/plan.html').exists()
-    assert main(['assess', 'out/plan.json', '--draws', '10']) == 0
-    assert main(['show', 'out/plan.json']) == 1
-    assert capsys.readouterr().err.count('cannot be drawn: RuntimeError: no font') == 2
+    for words, status in ((['assess', 'out/plan.json', '--draws', '10'], 0),
+                          (['show', 'out/plan.json'], 1)):
+        _, err = command(*words, status=status)
+        assert err.count('cannot be drawn: RuntimeError: no font') == 1
 
 
-@pytest.mark.parametrize('command', ['show', 'assess'])
+@pytest.mark.parametrize('part', ['show', 'assess'])
 def test_a_picture_that_cannot_be_written_is_told_before_all_else(
-        planned, tmp_path, capsys, command):
+        planned, tmp_path, command, part):
     (tmp_path / 'folder.png').mkdir()
     for file, reason in (('none/x.png', 'No such file or directory'),
                          ('folder.png', 'it is a folder')):
-        assert main([command, str(planned[0] / 'a' / 'b' / 'plan.json'), '-o',
-                     str(tmp_path / file)]) == 2
-        out, err = capsys.readouterr()
+        out, err = command(part, planned[0] / 'a' / 'b' / 'plan.json', '-o', tmp_path / file,
+                           status=2)
         assert out == '' and f'{tmp_path / file} cannot be written: {reason}' in err
 
 
@@ -330,9 +324,7 @@ sys.meta_path.insert(0, Absent())
 """)
     shutil.copytree(planned[0], tmp_path, dirs_exist_ok=True)
     (tmp_path / 'campaign.yaml').write_text('mission: mission.yaml')
-    variables = environment()
-    variables['PYTHONPATH'] = f'{tmp_path}{os.pathsep}{variables["PYTHONPATH"]}'
-    done = run(tmp_path, *arguments, env=variables)
+    done = run(tmp_path, *arguments, env=environment(str(tmp_path)))
     [line] = done.stderr.splitlines()
     assert f'{hidden[0]} is not installed' in line or hidden is ROS
     assert f'pip install "secure_uav_planner[{extra}]"' in line
@@ -355,18 +347,16 @@ sys.meta_path.insert(0, Blocker())
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('command, module', [
+@pytest.mark.parametrize('words, module', [
     ([*MODULE, 'check', 'a.yaml'], 'numpy'), ([*MODULE, 'plan', 'a.yaml'], 'argparse'),
     ([*MODULE, 'plan', 'a.yaml'], 'scipy'),
     pytest.param([*MODULE, 'node', 'planner'], 'rclpy', marks=NEEDS_ROS),
     pytest.param(SCRIPT, 'rclpy', marks=NEEDS_ROS)])
 def test_a_signal_while_modules_load_ends_the_command_in_a_line(
-        tmp_path, command, module, number):
+        tmp_path, words, module, number):
     (tmp_path / 'sitecustomize.py').write_text(BLOCKER.format(name=module, patience=PATIENCE))
-    variables = environment()
-    variables['PYTHONPATH'] = f'{tmp_path}{os.pathsep}{variables["PYTHONPATH"]}'
-    with subprocess.Popen(command, cwd=tmp_path, env=variables, text=True, stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(words, cwd=tmp_path, env=environment(str(tmp_path)), text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == 'loading\n'
         process.send_signal(number)
         assert process.communicate(timeout=PATIENCE) == ('', 'secure_uav_planner: stopped\n')

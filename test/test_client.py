@@ -1,13 +1,10 @@
 """The client for programs in Python, and the examples that use it, with real nodes."""
 
 from dataclasses import replace
-import os
-import subprocess
-import sys
 import threading
 import time
 
-from processes import environment, ROOT
+from processes import ROOT, run_python
 import pytest
 from ros_nodes import node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, GroundNode, Plan, Scenario
@@ -230,9 +227,5 @@ EXAMPLES = {'plan_and_fly': 'the flight has ended', 'moving_estimate': 'replan 1
 
 @pytest.mark.parametrize('name', EXAMPLES)
 def test_an_example_runs(name):
-    ended = subprocess.run([sys.executable, str(ROOT / 'examples' / 'ros' / f'{name}.py')],
-                           capture_output=True, text=True, timeout=600,
-                           env=environment(**{key: os.environ[key] for key in os.environ
-                                              if key.startswith('ROS_')}))
-    assert ended.returncode == 0, ended.stderr
-    assert EXAMPLES[name] in ended.stdout, ended.stdout
+    printed = run_python(ROOT / 'examples' / 'ros' / f'{name}.py').stdout
+    assert EXAMPLES[name] in printed

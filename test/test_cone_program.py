@@ -101,9 +101,8 @@ def test_missions_and_plans_are_made_without_the_solver(monkeypatch):
     scenario = replace(scenario, reference_snr_db=79.0, geofence=fence, no_fly_zones=(
         NoFlyZone(((300.0, -50.0), (350.0, -50.0), (350.0, 50.0), (300.0, 50.0))),))
     straight = np.linspace(scenario.starts, scenario.goals, scenario.slots + 2, axis=1)
-    with_flight = replace(scenario, uavs=tuple(replace(
-        uav, max_speed=20.0, max_acceleration=1e6) for uav in scenario.uavs))
-    plan = Plan(with_flight, straight, np.zeros((2, scenario.slots)))
+    fast = with_uavs(scenario, max_speed=20.0, max_acceleration=1e6)
+    plan = Plan(fast, straight, np.zeros((2, scenario.slots)))
     assert cut_tail(plan, 100).scenario.slots == 9900
 
 

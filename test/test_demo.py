@@ -2,11 +2,10 @@
 
 import os
 from pathlib import Path
-import subprocess
-import sys
 
 import city
 from examples.isolation import free_domain, isolated
+from processes import run_python
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 
@@ -16,11 +15,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo') / 'out'
-    result = subprocess.run(
-        [sys.executable, '-m', 'examples.demo', '--out', str(out)],
-        capture_output=True, text=True, timeout=600)
-    assert result.returncode == 0, result.stdout + result.stderr
-    return out, result.stdout
+    return out, run_python('-m', 'examples.demo', '--out', out).stdout
 
 
 def test_the_demo_plans_and_prints_the_plan_beside_its_baselines(demo):
@@ -83,11 +78,7 @@ def test_the_demo_leaves_no_process_behind(demo):
 
 
 def test_the_demo_flies_the_city_as_well(tmp_path):
-    result = subprocess.run(
-        [sys.executable, '-m', 'examples.demo', '--mission', 'city',
-         '--out', tmp_path],
-        capture_output=True, text=True, timeout=900)
-    assert result.returncode == 0, result.stdout + result.stderr
+    result = run_python('-m', 'examples.demo', '--mission', 'city', '--out', tmp_path)
     plan = Plan.load(tmp_path / 'plan.json')  # which checks every limit along the curve
     assert plan.scenario == Scenario.load(city.FILE)
     assert 'planned for free space' in result.stdout and plan.bound is None

@@ -8,7 +8,7 @@ from secure_uav_planner import Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
-from strategies import missions, random_powers, SEEDS
+from strategies import missions, random_powers, SEEDS, with_tracks
 
 MUS = st.sampled_from([1.0, 1e-2, 1e-4])
 
@@ -39,10 +39,12 @@ def is_smooth(grid, x, step):
     return (np.abs(gap) > 10 * step * grid.length).all(axis=-1)
 
 
-@settings(max_examples=40)
-@given(missions(), SEEDS)
-def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(scenario, seed):
+@settings(max_examples=80)
+@given(missions(), st.booleans(), SEEDS)
+def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(
+        scenario, moves, seed):
     rng = np.random.default_rng(seed)
+    scenario = with_tracks(scenario, rng) if moves else scenario
     positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
     grid = Problem(scenario).grid
     x = grid.variables(positions[:, 1:-1], powers)

@@ -34,11 +34,6 @@ def reference_power(speed):
             + 0.5 * DRAG * DENSITY * SOLIDITY * AREA * speed**3)
 
 
-def add_propulsion(scenario, **numbers):
-    """Return a scenario in which all UAVs have a propulsion."""
-    return with_uavs(scenario, propulsion=Propulsion(**numbers))
-
-
 @pytest.fixture(scope='module')
 def plan():
     """Return a plan in which only the first UAV has a propulsion."""
@@ -56,9 +51,8 @@ def test_the_default_is_the_rotary_wing_of_the_paper(speed):
     (None, 30, 1e-9), (1.0, 120, 1e-6), (3.0, 120, 1e-6), (3.0, 30, 1e-6), (3.0, 12, 1e-6),
     (9.0, 40, 1e-6)])
 def test_the_energy_is_the_integral_along_the_curve(acceleration, slots, tolerance):
-    scenario = with_uavs(add_propulsion(
-        Scenario.paper(120.0, slots=slots), fuselage_drag_ratio=0.1),
-        max_acceleration=acceleration)
+    scenario = with_uavs(Scenario.paper(120.0, slots=slots), max_acceleration=acceleration,
+                         propulsion=Propulsion(fuselage_drag_ratio=0.1))
     curve = fly_hover_fly(scenario).curve
     steps = np.arange(curve.begin, curve.end + curve.piece / 2, curve.piece)
     for index, energy in enumerate(compute_energies(scenario, curve)):
@@ -75,7 +69,7 @@ def test_the_energy_is_the_integral_along_the_curve(acceleration, slots, toleran
 
 
 def test_below_a_tenth_of_max_speed_a_uav_hovers():
-    scenario = add_propulsion(Scenario.paper(1000.0, slots=4))
+    scenario = with_uavs(Scenario.paper(1000.0, slots=4), propulsion=Propulsion())
     x = np.cumsum([0.0, 0.99, 0.0, 1.01, 10.0, 5.0]) * scenario.slot_duration
     positions = np.repeat(np.stack([x, 0 * x], axis=-1)[None], 2, axis=0)
     energy = compute_energies(scenario, Curve(scenario, positions))[0]

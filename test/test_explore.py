@@ -14,7 +14,7 @@ import sys
 import time
 
 import numpy as np
-from processes import environment
+from processes import environment, run_python
 import pytest
 from secure_uav_planner import Plan, Scenario, solve
 from secure_uav_planner.apps.editing import list_handles, to_mission
@@ -392,8 +392,7 @@ def test_other_computers_hosts_and_origins_are_refused(url):
 def test_a_port_that_is_taken_is_told():
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
-        done = subprocess.run(
-            [sys.executable, '-m', 'secure_uav_planner', 'explore', '--port', str(port)],
-            capture_output=True, text=True, timeout=PATIENCE, env=environment(BROWSER='true'))
-    assert done.returncode == 2 and f'--port is {port}; ' in done.stderr
+        done = run_python('-m', 'secure_uav_planner', 'explore', '--port', port, status=2,
+                          env=environment(BROWSER='true'))
+    assert f'--port is {port}; ' in done.stderr
     assert len(done.stderr.splitlines()) == 1

@@ -2,10 +2,8 @@
 
 import re
 import shutil
-import subprocess
-import sys
 
-from processes import environment, ROOT
+from processes import run_python
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -15,11 +13,8 @@ needs_compiler = pytest.mark.skipif(shutil.which('c++') is None, reason='there i
 
 def run(name):
     """Run a program; return the numbers that it prints, one for each line."""
-    result = subprocess.run(
-        [sys.executable, '-m', f'examples.extending.{name}'], cwd=ROOT,
-        capture_output=True, text=True, timeout=300, env=environment())
-    assert result.returncode == 0, result.stdout + result.stderr
-    return [float(number) for number in re.findall(r': \D*([\d.]+)', result.stdout)]
+    printed = run_python('-m', f'examples.extending.{name}').stdout
+    return [float(number) for number in re.findall(r': \D*([\d.]+)', printed)]
 
 
 def test_a_limit_in_a_file_of_its_own_holds_and_is_used_up():

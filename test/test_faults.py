@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
+from relay_client import rests
 from ros_client import Client, seconds, stamp_at
 from ros_nodes import node_here, node_process, stopped, wait_for
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
@@ -37,15 +38,6 @@ def whole():
         return {topic: received[-1] for topic, received in got.items()}, late.status
 
 
-def until_solving(client):
-    """Start a long solve and return the future of its answer once it is under way."""
-    client.set_parameters('planner', **LONG)
-    answer = client.ask('planner/plan')
-    wait_for(lambda: client.status.progress.step, what='progress')
-    assert not answer.done()
-    return answer
-
-
 # The planner is killed
 
 
@@ -53,7 +45,10 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
     with node_process('planner', plan_file=file, **SHORT) as process:
         client.plan_paper()
         first, status = whole()
-        until_solving(client)
+        client.set_parameters('planner', **LONG)
+        answer = client.ask('planner/plan')
+        wait_for(lambda: client.status.progress.step, what='progress')
+        assert not answer.done()
         # Also who comes in the middle of a solve receives the whole last plan.
         assert whole()[0] == first
         assert stopped(process, signal.SIGKILL) == -signal.SIGKILL
@@ -141,7 +136,7 @@ def test_replay_waits_for_a_clock_holds_while_it_stands_and_no_jump_of_it_moves_
         with SimulatedTime(client, start=1.7e9) as clock:
             wait_for(lambda: has_flown(50.0), what='flight')
             clock.running = False
-            wait_for(lambda: not grows(setpoints), what='a halt')
+            wait_for(lambda: rests(setpoints), what='a halt')
             held = setpoints[-1].pose.position.y
             clock.running = True
             wait_for(lambda: has_flown(50.0, held), what='flight again')
@@ -162,10 +157,3 @@ def test_replay_waits_for_a_clock_holds_while_it_stands_and_no_jump_of_it_moves_
     elapsed[back] += [before - after for before, after in clock.jumps]
     assert (np.hypot(*np.diff(place, axis=0).T) <= 10.0 * elapsed + 1e-3).all()
     assert (np.diff(place[:, 1]) <= 1e-9).all()  # never back
-
-
-def grows(received):
-    """Return whether messages still come."""
-    before = len(received)
-    time.sleep(0.5)
-    return len(received) > before

@@ -15,6 +15,7 @@ from secure_uav_planner.assessment.flown import compare, read_flight
 from secure_uav_planner.errors import LogFileError, OptionError
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
+from strategies import with_uavs
 from studies.flown.logs import (
     fly, write_bag, write_csv, write_dataflash, write_telemetry, write_tum, write_ulog)
 
@@ -27,9 +28,8 @@ SHIFTS = dict.fromkeys(('ulg', 'BIN', 'tlog'), ORIGINS)  # Formats whose frames 
 
 @pytest.fixture(scope='module')
 def plan():
-    mission = Scenario.paper(110.0, slots=55, error_radius=10.0)
-    mission = replace(mission, separation=10.0, uavs=tuple(
-        replace(uav, max_acceleration=2.0) for uav in mission.uavs))
+    mission = with_uavs(replace(Scenario.paper(110.0, slots=55, error_radius=10.0),
+                                separation=10.0), max_acceleration=2.0)
     return replace(solve(mission, objective='guaranteed'), start_ns=START_NS)
 
 
@@ -144,26 +144,31 @@ def test_origins_on_earth_place_the_logs(plan, flight, tmp_path):
                    for errors in comparison.uavs.values())
 
 
-def test_a_frame_that_nobody_knows_is_asked_for_with_the_place_that_fits(plan, flight, tmp_path):
-    source = write_logs(flight, 'BIN', tmp_path)
-    with pytest.raises(LogFileError, match=r'--shift uav1=(99|100)\.\d,(499|500)\.\d') as error:
-        read_flight(source, plan)
-    assert str(tmp_path) in str(error.value) and '\n' not in str(error.value)
-
-
-def fly_twice(plan, later=None):
+def fly_twice(flight, later=None):
     """Return the track of a flight that is flown again some s later, by default 0.1 s after it."""
-    once = fly(plan, 0.0, 0.0)
+    once = fly(flight.plan, 0.0, 0.0)
     later = later or once.times[-1] - once.times[0] + 0.1
     return replace(once, times=np.append(once.times, once.times + later), **{
         name: np.concatenate([getattr(once, name)] * 2, axis=1)
         for name in ('positions', 'velocities', 'powers')})
 
 
-def test_flights_that_fit_twice_are_refused(plan, tmp_path):
-    write_csv(fly_twice(plan), tmp_path / 'flight.csv')
-    with pytest.raises(LogFileError, match='two times fit alike'):
-        read_flight(tmp_path / 'flight.csv', plan, at='fit')
+def swap_axes(flight):
+    """Return the track of a flight whose x and y are swapped."""
+    return replace(flight, positions=flight.positions[..., [1, 0, 2]])
+
+
+@pytest.mark.parametrize('kind, change, options, words', [
+    ('BIN', replace, {}, r'--shift uav1=(99|100)\.\d,(499|500)\.\d'),
+    ('csv', fly_twice, {'at': 'fit'}, 'two times fit alike'),
+    ('csv', swap_axes, {}, 'x and y fit when they are swapped'),
+    ('csv', swap_axes, {'at': 'fit'}, 'no time fits')])
+def test_logs_whose_frame_or_time_is_not_known_are_refused_in_a_line(
+        kind, change, options, words, plan, flight, tmp_path):
+    source = write_logs(change(flight), kind, tmp_path)
+    with pytest.raises(LogFileError, match=words) as error:
+        read_flight(source, plan, **options)
+    assert str(tmp_path) in str(error.value) and '\n' not in str(error.value)
 
 
 def test_a_bag_of_another_plan_is_refused(plan, flight, tmp_path):
@@ -208,10 +213,9 @@ def test_damaged_logs_are_refused_in_a_line(kind, name, plan, flight, tmp_path, 
     capfd.readouterr()
     words = [f'{uav}={file}' for uav, file in source.items()] if (
         isinstance(source, dict)) else [str(source)]
-    shifts = ['uav1=100,500', 'uav2=120,500'] if kind in SHIFTS else []
+    shifts = ['--shift', 'uav1=100,500', 'uav2=120,500'] if kind in SHIFTS else []
     plan.save(tmp_path / 'plan.json')
-    status = main(['assess', str(tmp_path / 'plan.json'), '--json', '--flown', *words,
-                   *(['--shift', *shifts] if shifts else [])])
+    status = main(['assess', str(tmp_path / 'plan.json'), '--json', '--flown', *words, *shifts])
     out, err = capfd.readouterr()
     if out:  # What is left of the log can be compared.
         assert name in ('a middle cut', 'noise', 'backwards') and not err
@@ -250,22 +254,20 @@ def test_wrong_arguments_are_named(plan, tmp_path):
         read_flight(tmp_path / 'a.csv', plan, at='noon')
 
 
-def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path, capsys):
+def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path, command):
     plan.save(tmp_path / 'plan.json')
-    source = str(write_logs(flight, 'csv', tmp_path))
-    assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source]) == 0
-    assert 'tracking_margin' in capsys.readouterr().out
+    words = 'assess', tmp_path / 'plan.json', '--flown'
+    source = write_logs(flight, 'csv', tmp_path)
+    assert 'tracking_margin' in command(*words, source).out
     assert (tmp_path / 'plan.flown.png').stat().st_size > 10_000
     page = tmp_path / 'flown.html'
-    assert main(['assess', str(tmp_path / 'plan.json'), '--flown', source, '-o', str(page)]) == 0
+    command(*words, source, '-o', page)
     assert page.read_text().count('"name":"flown"') == 3  # Two ways and the rates.
     short = fly(plan, DELAY, OFFSET, after=-40.0)
     write_csv(short, tmp_path / 'short.csv', START_NS * 1e-9)
-    command = ['assess', str(tmp_path / 'plan.json'), '--flown', str(tmp_path / 'short.csv')]
-    capsys.readouterr()
-    assert main([*command, '--json']) == 3
-    assert 0.5 < json.loads(capsys.readouterr().out)['coverage'] < 0.7
-    assert main([*command[:-1], str(tmp_path / 'none.csv')]) in (1, 2)
+    out, _ = command(*words, tmp_path / 'short.csv', '--json', status=3)
+    assert 0.5 < json.loads(out)['coverage'] < 0.7
+    command(*words, tmp_path / 'none.csv', status=2)
 
 
 @pytest.fixture(scope='module')
@@ -314,9 +316,9 @@ def test_a_plan_that_was_in_force_for_some_slots_counts_for_these_alone(plan, fl
         plan.curve_rates[:27].sum() / 55, rel=1e-6)
 
 
-def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, tmp_path):
+def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, flight, tmp_path):
     later = replace(plan, start_ns=START_NS + 200 * 10**9)
-    write_bag(fly_twice(plan, 200.0), tmp_path / 'bag', [(-math.inf, plan), (150.0, later)])
+    write_bag(fly_twice(flight, 200.0), tmp_path / 'bag', [(-math.inf, plan), (150.0, later)])
     for given in (plan, later):
         comparison = compare(given, read_flight(tmp_path / 'bag', given))
         assert comparison.coverage == 1.0 and not comparison.broken.any()
@@ -337,8 +339,8 @@ def hover(plan, places):
 
 def test_distances_count_heights_and_energy_the_time_in_the_air(plan, tmp_path):
     zone = NoFlyZone(((80.0, 480.0), (95.0, 480.0), (95.0, 520.0), (80.0, 520.0)), ceiling=90.0)
-    scenario = replace(plan.scenario, separation=0.0, no_fly_zones=(zone,), uavs=tuple(
-        replace(uav, propulsion=Propulsion()) for uav in plan.scenario.uavs))
+    scenario = with_uavs(replace(plan.scenario, separation=0.0, no_fly_zones=(zone,)),
+                         propulsion=Propulsion())
     planned = replace(plan, scenario=scenario)
     for height, expected in ((100.0, None), (90.0, 3.0)):
         write_csv(hover(planned, [(98.0, 500.0, height), (118.0, 500.0, 115.0)]),
@@ -410,24 +412,13 @@ def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):
         assert flight.shifts['uav1'].seconds == pytest.approx(DELAY, abs=0.05)
 
 
-def test_x_and_y_that_are_swapped_are_told(plan, flight, tmp_path):
-    write_csv(replace(flight, positions=flight.positions[..., [1, 0, 2]]),
-              tmp_path / 'flight.csv', START_NS * 1e-9)
-    with pytest.raises(LogFileError, match='x and y fit when they are swapped'):
-        read_flight(tmp_path / 'flight.csv', plan)
-    with pytest.raises(LogFileError, match='no time fits'):
-        read_flight(tmp_path / 'flight.csv', plan, at='fit')
-
-
-def test_a_log_of_another_time_covers_nothing_and_says_so(plan, flight, tmp_path, capsys):
+def test_a_log_of_another_time_covers_nothing_and_says_so(plan, flight, tmp_path, command):
     later = replace(plan, start_ns=START_NS + 10**12)
     later.save(tmp_path / 'plan.json')
-    source = str(write_logs(flight, 'csv', tmp_path))
-    command = ['assess', str(tmp_path / 'plan.json'), '--flown', source, '--at', 'utc',
-               '--shift', 'uav1=0,0', 'uav2=0,0']
-    assert main(command) == 3
-    assert 'not covered: slots 1 to 55' in capsys.readouterr().out
-    assert main([*command, '--json']) == 3
-    values = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    words = ['assess', tmp_path / 'plan.json', '--flown', write_logs(flight, 'csv', tmp_path),
+             '--at', 'utc', '--shift', 'uav1=0,0', 'uav2=0,0']
+    assert 'not covered: slots 1 to 55' in command(*words, status=3).out
+    out, _ = command(*words, '--json', status=3)
+    values = json.loads(out, parse_constant=pytest.fail)
     assert values['coverage'] == 0.0 and values['uncovered_slots'] == [*range(1, 56)]
     assert values['uavs']['uav1']['error_max_m'] is values['guaranteed_rate'] is None

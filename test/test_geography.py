@@ -6,7 +6,6 @@ import json
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
 
 import city
 from city import FILE as CITY
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
-from secure_uav_planner.apps.missions import check_mission
 from secure_uav_planner.errors import MissionFileError, OptionError, ScenarioError
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.ros.settings import load_mission, origin_from
@@ -146,21 +144,19 @@ def test_a_list_however_deep_is_refused_by_its_field():
         Scenario.from_dict(fields)
 
 
-def test_numbers_that_look_like_degrees_get_a_note(tmp_path, capsys):
+def test_numbers_that_look_like_degrees_get_a_note(tmp_path, command):
     file = tmp_path / 'mission.yaml'
     scenario = Scenario.paper(120.0)
     for zone in ((8.54, 47.39), (8.56, 47.39), (8.56, 47.41)), ((0, 0), (9, 0), (9, 9)):
         replace(scenario, no_fly_zones=(NoFlyZone(zone),)).save(file)
-        check_mission(SimpleNamespace(mission=str(file), autopilot=None))
-        notes = capsys.readouterr().err
+        notes = command('check', file).err
         assert ('note: zone 1: all places are within 1 m; are they degrees?' in notes) is (
             zone[0] != (0, 0)) and 'starts' not in notes
     places = {'ground_node': (8.54, 47.39), 'eavesdroppers': (Eavesdropper((8.55, 47.4)),),
               'uavs': tuple(replace(uav, start=(8.53, 47.39), goal=(8.56, 47.39))
                             for uav in scenario.uavs)}
     replace(scenario, **places).save(file)
-    check_mission(SimpleNamespace(mission=str(file), autopilot=None))
-    assert 'note: starts, goals and receivers: all places' in capsys.readouterr().err
+    assert 'note: starts, goals and receivers: all places' in command('check', file).err
 
 
 def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):

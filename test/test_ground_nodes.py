@@ -23,7 +23,7 @@ from secure_uav_planner.optimize.joint.settings import VISIT_SEARCH
 from secure_uav_planner.optimize.joint.starts import limit_powers, refine
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
-from strategies import with_uavs
+from strategies import with_eavesdroppers, with_uavs
 
 LAYOUTS = {'A': [(0, 150), (0, -150)], 'B': [(0, 0), (400, 0)],
            'C': [(0, 200), (-100, 0), (0, -200)], 'D': [(0, 0), (130, 60)]}
@@ -88,8 +88,8 @@ def test_rates_are_those_of_the_plain_formulas(channel, colluding, untrusted):
     assert plan.guaranteed_rates.sum() == pytest.approx(12 * rates.sum(), rel=1e-9)
     assert plan.worst_case_rate >= plan.guaranteed_rate
     # With eavesdroppers at known places the guarantee is exact.
-    exact = replace(plan, scenario=replace(scenario, eavesdroppers=tuple(
-        replace(eve, error_radius=0.0) for eve in scenario.eavesdroppers)), objective='worst_case')
+    exact = replace(plan, scenario=with_eavesdroppers(scenario, error_radius=0.0),
+                    objective='worst_case')
     np.testing.assert_allclose(
         worst_case_node_rates(exact.scenario, plan.positions, plan.powers),
         compute_secrecy_rates(exact), rtol=1e-9, atol=1e-12)

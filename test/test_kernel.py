@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import oracle
-from processes import ROOT
+from processes import ROOT, run_python
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, Scenario
@@ -243,10 +243,8 @@ def test_a_start_with_nan_fails_alone():
 
 def test_the_error_without_a_kernel_says_what_to_do(tmp_path):
     (tmp_path / '_secure_uav_planner_kernel.py').write_text('raise ImportError("no such file")')
-    done = subprocess.run(
-        [sys.executable, '-c', 'from secure_uav_planner import solve'], text=True,
-        capture_output=True, cwd=ROOT, env={**os.environ, 'PYTHONPATH': str(tmp_path)})
-    assert done.returncode
+    done = run_python('-c', 'from secure_uav_planner import solve', status=1,
+                      env={**os.environ, 'PYTHONPATH': str(tmp_path)})
     [said] = done.stderr.splitlines()[-1:]
     assert said.startswith('ImportError: ')
     assert 'no such file' in said and "'pip install .'" in said

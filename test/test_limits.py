@@ -45,19 +45,13 @@ def make_interior(scenario, rng):
     return grid, x[None]
 
 
-def random_moves(grid, rng, size):
-    """Return random moves of the points of flights in units, (N+2, U, 2)."""
-    moves = np.zeros((grid.slots + 2, len(grid.fixed), 2))
-    moves[1:-1] = size * rng.normal(size=moves[1:-1].shape) * ~grid.fixed[:, None]
-    return moves
-
-
 def evaluate_limits(scenario, seed, size):
     """Yield for each limit of positions c as a function of a step, and the kernel's answers."""
     rng = np.random.default_rng(seed)
     grid, [x] = make_interior(scenario, rng)
     path = np.ascontiguousarray(oracle.path_of(grid, x))
-    moves = random_moves(grid, rng, size)
+    moves = np.zeros((grid.slots + 2, len(grid.fixed), 2))  # In units.
+    moves[1:-1] = size * rng.normal(size=moves[1:-1].shape) * ~grid.fixed[:, None]
     for limit in build_limits(grid):
         if limit.compiled is not None:
             lines = limit.choose_lines(path) if isinstance(limit, LineLimit) else None

@@ -9,7 +9,6 @@ from ros_nodes import node_here, wait_for
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Propulsion, Scenario, shortest_duration, solve,
     Uav, upper_bound)
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
 from secure_uav_planner.model.limits.energy import (
@@ -217,16 +216,14 @@ def test_the_kernel_s_energies_are_those_of_the_model_with_their_gradient(veloci
     assert change == pytest.approx(2 * (evaluate(x)[1] * step).sum(), rel=1e-3)
 
 
-def test_check_says_what_share_of_the_battery_is_needed(tmp_path, capsys):
+def test_check_says_what_share_of_the_battery_is_needed(tmp_path, command):
     file = tmp_path / 'mission.yaml'
     make_paper(200.0, 25900.0).save(file)
-    assert main(['check', str(file)]) == 0
     hovering = 202.0 * float(Propulsion().power(0.0)) / 25900.0
     assert (f'uav1: by the model, hovering all the time takes {hovering:.0%} of max_energy, and '
-            'the straight way ') in capsys.readouterr().out
+            'the straight way ') in command('check', file).out
     make_paper(200.0, 20000.0).save(file)
-    assert main(['check', str(file)]) == 2
-    assert 'max_energy is 20000 J; no flight of 200 s' in capsys.readouterr().err
+    assert 'max_energy is 20000 J; no flight of 200 s' in command('check', file, status=2).err
 
 
 def test_a_mission_with_a_battery_is_planned_again_in_flight_with_what_is_left(client, tmp_path):

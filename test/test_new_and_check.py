@@ -8,16 +8,14 @@ import re
 import city
 import pytest
 from secure_uav_planner import Eavesdropper, Scenario
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.mission.formats.mission_file import EXAMPLES
 from test_mission_file import RICH
 
 
-def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
+def test_the_new_mission_is_right_and_explains_each_field(tmp_path, command):
     file = tmp_path / 'mission.yaml'
-    assert main(['new', str(file)]) == 0
-    assert main(['check', str(file)]) == 0
-    out, err = capsys.readouterr()
+    assert command('new', file).err == ''
+    out, err = command('check', file)
     assert 'can be flown' in out and err == ''
     example = Scenario.load(file)
     assert example.separation > 0 and math.dist(*example.starts) > example.separation
@@ -32,35 +30,29 @@ def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
                   flags=re.MULTILINE)
     file.write_text(text)
     assert Scenario.load(file).no_fly_zones[0].name == 'tower'
-    assert main(['new', str(file)]) == 2 and file.read_text() == text
-    assert 'is there already' in capsys.readouterr().err
-    assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
+    assert 'is there already' in command('new', file, status=2).err and file.read_text() == text
+    assert command('new', file, '--force') and file.read_text() != text
 
 
 @pytest.mark.parametrize('name', EXAMPLES)
-def test_each_example_can_be_planned_as_it_is(tmp_path, capsys, name):
+def test_each_example_can_be_planned_as_it_is(tmp_path, command, name):
     file = tmp_path / 'mission.yaml'
-    assert main(['new', '--example', name, str(file)]) == 0
-    assert main(['check', str(file)]) == 0
-    out, err = capsys.readouterr()
+    assert command('new', '--example', name, file).err == ''
+    out, err = command('check', file)
     assert 'can be flown' in out and err == ''
     scenario = Scenario.load(file)
     assert name != 'paper' or scenario == Scenario.paper()
     assert name != 'city' or scenario == Scenario.load(city.FILE)
     assert (len(scenario.ground_nodes) > 1) == (name == 'several-nodes')
     assert scenario.has_tracks == (name == 'convoy')
-
-
-def test_the_examples_are_those_of_the_reference():
     assert set(EXAMPLES) == {'paper', 'city', 'several-nodes', 'convoy'}
 
 
-def test_check_notes_that_the_rate_is_0_for_certain(tmp_path, capsys):
+def test_check_notes_that_the_rate_is_0_for_certain(tmp_path, command):
     file = tmp_path / 'mission.yaml'
     for radius, is_covered in ((300.0, True), (30.0, False)):
         Scenario.paper(error_radius=radius, slots=20).save(file)
-        assert main(['check', str(file)]) == 0
-        out, err = capsys.readouterr()
+        out, err = command('check', file)
         assert 'It can be flown.' in out and is_covered == (
             'note: the rate is 0: the disc of eavesdropper covers the ground node' in err)
 
@@ -73,7 +65,7 @@ WALL = '  - {name: wall, vertices: [[-600, -5], [600, -5], [600, 5], [-600, 5]]}
     ('[[-500, -500], [500, -500], [500, 500], [-500, 500]]', 4,
      'no way leads {} from start to goal: wall is in its way')])
 def test_check_and_plan_refuse_the_same_missions_in_the_same_words(
-        tmp_path, capsys, fence, line, reason):
+        tmp_path, command, fence, line, reason):
     file = tmp_path / 'mission.yaml'
     text = f"""\
 duration: 90
@@ -89,9 +81,8 @@ geofence: {fence or 'null'}
 """
     file.write_text(text)
     told = []
-    for arguments in (['check', str(file)], ['plan', str(file), '-o', str(tmp_path / 'out')]):
-        assert main(arguments) == 2
-        out, err = capsys.readouterr()
+    for arguments in (['check', file], ['plan', file, '-o', tmp_path / 'out']):
+        out, err = command(*arguments, status=2)
         assert out == '' and len(err.splitlines()) == 2
         for number, name, words in zip((0, 1), 'ab', err.splitlines()):
             where = line + number if fence else line
@@ -101,13 +92,11 @@ geofence: {fence or 'null'}
     # Of values that are wrong, all are told, and flights are asked for when all are right.
     file.write_text(text.replace('max_speed: 10', 'max_speed: 10, average_power: 9').replace(
         'error_radius: 10', 'error_radius: 10 m'))
-    assert main(['check', str(file)]) == 2
-    err = capsys.readouterr().err
+    err = command('check', file, status=2).err
     assert err.count('peak_power is 4.0') == 2 and "error_radius is '10 m'" in err
     assert len(err.splitlines()) == 3
     file.write_text(text.replace('duration: 90', 'duration: short'))
-    assert main(['check', str(file)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert len(command('check', file, status=2).err.splitlines()) == 1
 
 
 @pytest.mark.parametrize('knots, notes', [
@@ -118,18 +107,17 @@ geofence: {fence or 'null'}
      ['lasts 121000 s, the flight 121 s; are its times in seconds?']),
     ([[0, 8.53, 47.37, 10], [121, 8.54, 47.38, 10]],
      ['starts and goals; are its positions in metres?'])])
-def test_check_notes_a_track_that_hardly_meets_the_flight(tmp_path, capsys, knots, notes):
+def test_check_notes_a_track_that_hardly_meets_the_flight(tmp_path, command, knots, notes):
     file = tmp_path / 'mission.yaml'
     replace(Scenario.paper(120.0), eavesdroppers=(
         Eavesdropper(name='car', track=knots),)).save(file)
-    assert main(['check', str(file)]) == 0
-    err = capsys.readouterr().err.splitlines()
+    err = command('check', file).err.splitlines()
     assert len(err) == len(notes)
     for line, note in zip(err, notes):
         assert line.startswith('note: ') and 'track of car' in line and note in line
 
 
-def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
+def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, command):
     file = tmp_path / 'mission.yaml'
     for altitude, warnings in ((110.0, ()), (100.0, (
             'warning: nothing keeps uav1 and uav2 5 m apart; set separation',
@@ -137,8 +125,7 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
         scenario = Scenario.paper(120.0, slots=10)
         replace(scenario, uavs=tuple(replace(uav, altitude=height) for uav, height in zip(
             scenario.uavs, (100.0, altitude)))).save(file)
-        assert main(['check', str(file)]) == 0
-        assert main(['plan', str(file), '-o', str(tmp_path), '--bound-time-limit', '0']) == 0
-        err = capsys.readouterr().err.splitlines()
+        err = command('check', file).err.splitlines()
+        err += command('plan', file, '-o', tmp_path, '--bound-time-limit', '0').err.splitlines()
         assert len(err) == len(warnings)
         assert all(line.startswith(warning) for line, warning in zip(err, warnings))

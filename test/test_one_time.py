@@ -67,10 +67,6 @@ def flown(client):
         yield client
 
 
-def time_of_plan(client):
-    return client.status.track.time
-
-
 def is_on_its_plan(client):
     distance = client.status.track.distance
     return client.status.level == DiagnosticStatus.OK and all(
@@ -100,7 +96,7 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
     time.sleep(3.0)
     answer = flown.call('replay/start')
     assert answer.success and flown.status.plan.identity in answer.message
-    wait_for(lambda: time_of_plan(flown) > 5.0 and is_on_its_plan(flown))
+    wait_for(lambda: flown.status.track.time > 5.0 and is_on_its_plan(flown))
     wait_for(lambda: flown.powers[0] and flown.powers[0][-1].data > 0, what='power in flight')
     assert flown.call('replay/pause').success
     # The planner takes a silence for a hold as well, so the reports are compared, too.

@@ -17,8 +17,8 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
-from strategies import scenarios, with_uavs
-from test_mission_file import RICH
+from strategies import PLACED, scenarios, with_eavesdroppers, with_uavs
+from test_mission_file import change_values, RICH
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
 BOUND = {'rate': 9.0, 'objective': 'worst_case', 'ignored': [], 'solve_time': 0.5,
@@ -142,36 +142,29 @@ def test_a_missing_field_of_an_older_file_takes_its_default(tmp_path):
     assert (plan.status, plan.history, plan.scenario.uavs[0].peak_power) == ('given', (), 4.0)
 
 
-@pytest.mark.parametrize('change, message', [
-    ({'status': 'finished'}, "status is 'finished'"), ({'start_ns': 10**400}, 'start_ns is'),
-    ({'powrs': 1}, 'did you mean powers'), ({'history': 5}, 'history is 5'),
-    ({'history': [{'number': 'one'}]}, r'history\[0\] lacks'),
-    ({'scenario': None}, 'mission is null'),
-    ({'positions': None}, 'positions'), ({'version': True}, 'its version is true'),
-    ({'bound': []}, 'bound'), *(({'bound': {**BOUND, **wrong}}, word) for wrong, word in (
-        ({'more': 1}, 'more'), ({'status': None}, 'status'), ({'rate': math.nan}, 'rate'),
-        ({'ignored': [5]}, 'ignored'), ({'solve_time': -1}, 'solve_time'))),
-    ({'version': 99, 'wind': 'west'}, 'version 99, which a newer secure_uav_planner wrote')])
-def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
+@pytest.mark.parametrize('change, field, message', [
+    ({'powers/1/7': '0.5'}, 'powers[1][7]', "powers[1][7] is '0.5'; it must be a number"),
+    ({'powers/1/7': True}, 'powers[1][7]', 'powers[1][7] is true; it must be a number'),
+    ({'positions/1/7': {}}, 'positions[1][7]', 'positions[1][7] is {}; it must be a number'),
+    ({'status': 'finished'}, 'status', "status is 'finished'"),
+    ({'start_ns': 10**400}, 'start_ns', 'start_ns is'),
+    ({'powrs': 1}, 'powrs', 'did you mean powers'), ({'history': 5}, 'history', 'history is 5'),
+    ({'history': [{'number': 'one'}]}, 'history[0]', 'history[0] lacks'),
+    ({'scenario': None}, 'scenario', 'mission is null'),
+    ({'positions': None}, 'positions', 'positions'),
+    ({'version': True}, '', 'its version is true'),
+    ({'bound': []}, '', 'bound'), *(
+        ({'bound': {**BOUND, name: value}}, field, name) for name, value, field in (
+            ('more', 1, 'more'), ('status', None, 'status'), ('rate', math.nan, 'rate'),
+            ('ignored', [5], 'ignored[0]'), ('solve_time', -1, 'solve_time'))),
+    ({'version': 99, 'wind': 'west'}, '', 'version 99, which a newer secure_uav_planner wrote')])
+def test_a_wrong_field_of_a_file_is_named(tmp_path, change, field, message):
     path = tmp_path / 'wrong.json'
-    path.write_text(json.dumps({**json.loads(OLD.read_text()), **change}))
-    with pytest.raises(PlanFileError, match=message) as error:
-        Plan.load(path)
-    assert len(str(error.value)) < 300
-
-
-@pytest.mark.parametrize('field, value, text', [
-    ('powers', '0.5', "'0.5'"), ('powers', True, 'true'), ('positions', {}, '{}')])
-def test_a_value_of_a_file_that_is_not_a_number_is_named_with_its_place(
-        tmp_path, field, value, text):
-    document = json.loads(OLD.read_text())
-    document[field][1][7] = value
-    path = tmp_path / 'wrong.json'
-    path.write_text(json.dumps(document))
+    path.write_text(json.dumps(change_values(json.loads(OLD.read_text()), change)))
     with pytest.raises(PlanFileError) as error:
         Plan.load(path)
-    assert error.value.field == f'{field}[1][7]'
-    assert f'{field}[1][7] is {text}; it must be a number' in str(error.value)
+    assert message in str(error.value) and len(str(error.value)) < 300
+    assert error.value.field == field
 
 
 def test_a_new_file_has_the_permissions_of_the_umask_and_a_replaced_one_keeps_its_own(
@@ -265,11 +258,9 @@ def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, da
 
 def gap_plan():
     """Return a plan of 10 slots of 10 s that was promised until 20 s and planned again at 50 s."""
-    scenario = Scenario.paper(100.0, slots=10)
-    eve, = scenario.eavesdroppers
-    scenario = with_uavs(replace(scenario, eavesdroppers=(replace(
-        eve, position=None, error_radius=None,
-        track=((0.0, 400.0, 0.0, 10.0), (20.0, 400.0, 0.0, 10.0))),)), max_speed=15.0)
+    scenario = with_eavesdroppers(
+        with_uavs(Scenario.paper(100.0, slots=10), max_speed=15.0), **PLACED,
+        track=((0.0, 400.0, 0.0, 10.0), (20.0, 400.0, 0.0, 10.0)))
     first = replace(solve(scenario), start_ns=10**18, promised_until=20.0)
     tail = cut_tail(first, 4)
     near = replace(tail.scenario, eavesdroppers=(Eavesdropper((60.0, 150.0), 10.0),))

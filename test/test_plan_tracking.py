@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rclpy.time import Time as RosTime
 from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
-from secure_uav_planner import fly_hover_fly, Iteration, Scenario
+from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, SupersededError, TimeLimitError)
 from secure_uav_planner.plan.flight import Flight
@@ -20,8 +20,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.planner.plan_tracking import PlanTracking
 from secure_uav_planner.ros.planner.poses import PoseBook
 from secure_uav_planner.ros.planner.request import make_request, StartTime
-from secure_uav_planner.ros.planner.status import (
-    level_and_text, plan_status, RequestOutcome, State)
+from secure_uav_planner.ros.planner.status import State
 from secure_uav_planner.ros.planner_status import TrackStatus
 from studies.flown.missions import limit_acceleration
 from test_plan import gap_plan
@@ -121,28 +120,6 @@ def test_a_plan_with_a_delay_starts_that_long_after_its_request_however_long_it_
         start = StartTime.from_settings(settings_with(**{
             'start_delay': 30.0, 'uav1.max_acceleration': acceleration}), 1000 * 10**9, None)
         assert start.point_0_ns(1020 * 10**9) == 1030 * 10**9
-
-
-def test_a_problem_with_a_uav_is_in_the_status_during_a_solve():
-    outcome, problems = RequestOutcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
-    failed = outcome._replace(level=DiagnosticStatus.ERROR, text='it failed')
-    solving = 'solving: iteration 3, 1.5000 bit/s/Hz'
-    progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
-    for last, wrong, iteration, level, text in (
-            (outcome, problems, progress, DiagnosticStatus.WARN, f'uav1 is 9 m off; {solving}'),
-            (outcome, [], progress, DiagnosticStatus.OK, solving),
-            (outcome, problems, None, DiagnosticStatus.WARN, 'uav1 is 9 m off; a plan'),
-            (outcome, [], None, DiagnosticStatus.OK, 'a plan'),
-            (failed, problems, None, DiagnosticStatus.ERROR, 'uav1 is 9 m off; it failed')):
-        assert level_and_text(last, wrong, iteration) == (level, text)
-
-
-def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
-    state = State(plan=fly_hover_fly(Scenario.paper(120.0, slots=10)))
-    for is_replan in (False, True):
-        state.refuse(LateError('it comes too late'), is_replan)
-        state.forget_replan()
-        assert (state.outcome.code == 'ok') is is_replan
 
 
 def tracking_of(*plans, now=1000.0, book=None):
@@ -344,20 +321,6 @@ def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():
         assert not is_told or 'which leaves 0.25 s to solve it' in str(told)
 
 
-def test_a_refusal_of_a_replan_ends_when_it_is_due_no_more_and_a_short_replan_is_no_warning():
-    plan = fly_hover_fly(Scenario.paper(120.0, slots=10))
-    state = State()
-    for keep, status, level in (
-            (state.keep_requested, 'converged', DiagnosticStatus.OK),
-            (state.keep_requested, 'time_limit', DiagnosticStatus.WARN),
-            (state.keep_replan, 'time_limit', DiagnosticStatus.OK),
-            (state.keep_replan, 'numerical_trouble', DiagnosticStatus.WARN)):
-        keep(replace(plan, status=status))
-        assert state.outcome.level == level, status
-    assert (state.plans, state.replans) == (2, 0)  # The replans changed nothing.
-    assert state.keep_replan(replace(plan, start_ns=5)) and state.replans == 1
-
-
 def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plans):
     plan, _ = two_plans
     tracking = tracking_of(plan)
@@ -420,12 +383,3 @@ def test_a_planner_ends_a_promise_in_the_slot_in_which_its_follower_does(
             kept = tracking.check_promise(10**9 + clock) or tracking.flight(
                 10**9 + clock).playback.plan
     assert kept.promised_slots.tolist() == followed.promised_slots.tolist()
-
-
-def test_a_plan_without_a_promised_slot_is_told_with_warn():
-    first, _ = gap_plan()
-    outcome = State(plan=replace(first, promised_until=-2.2)).outcome
-    assert outcome.level == DiagnosticStatus.WARN
-    assert 'guaranteed rate none, worst-case rate none bit/s/Hz; no slot is promised: receivers ' \
-        'are predicted until -2.2 s and slot 1 begins at 10.0 s' in outcome.text
-    assert plan_status(first, None, 0.0).promised_slots == 2

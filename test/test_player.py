@@ -14,7 +14,7 @@ from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player, POSITION_JUMP
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from secure_uav_planner.plan.tracking import start_from_state
-from strategies import with_uavs
+from strategies import with_eavesdroppers, with_uavs
 
 BEGIN = 10**18
 SECOND = 10**9
@@ -30,9 +30,9 @@ def plan(request):
 class Bench:
     """A player, its clock, its setpoints and its refusals."""
 
-    def __init__(self, plan=None):
+    def __init__(self, plan=None, mutes=False):
         self.refused, self.sent = [], []
-        self.player = Player(self.refused.append)
+        self.player = Player(self.refused.append, mutes)
         self.now = BEGIN - 5 * SECOND
         if plan is not None:
             self.player.load(plan)
@@ -53,20 +53,13 @@ class Bench:
         return (self.now - start_ns) * 1e-9 - self.player.flight.time
 
 
-def start_flight(plan, seconds, released=0.0):
+def start_flight(plan, seconds, released=0.0, mutes=False):
     """Return a Bench whose plan was released after a time, and then flown for another one."""
-    bench = Bench(plan)
+    bench = Bench(plan, mutes)
     bench.run(released)
     bench.player.start()
     bench.run(seconds)
     return bench
-
-
-def plan_return(plan):
-    """Return a plan that leads back to the starts, and begins after the first one."""
-    back = replace(plan.scenario, uavs=tuple(
-        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
-    return replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
 
 
 @pytest.mark.parametrize('released, lag', [(0.0, 0.0), (9.0, 4.0)], ids=['early', 'late'])
@@ -234,7 +227,9 @@ def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahe
 @pytest.mark.parametrize('is_paused', [False, True])
 def test_a_plan_back_begins_after_the_flight_at_its_own_time_and_not_in_a_pause(plan, is_paused):
     bench = start_flight(plan, 25.0)
-    home = plan_return(plan)
+    back = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
+    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
     bench.player.load(home)
     bench.run(bench.player.playback.duration - bench.player.flight.time - 0.5)
     if is_paused:
@@ -274,8 +269,7 @@ def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
     bench = start_flight(plan, 25.0)
     ahead = cut_tail(plan, 20)
-    new_tail = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
-        replace(plan.scenario.eavesdroppers[0], position=(150.0, 60.0)),)))
+    new_tail = fly_hover_fly(with_eavesdroppers(ahead.scenario, position=(150.0, 60.0)))
     revised = continue_plan(plan, 20, new_tail)
     bench.player.load(revised)
     assert bench.player.playback.plan is revised
@@ -399,8 +393,7 @@ class AnyOrder(RuleBasedStateMachine):
         point = math.ceil((self.player.flight.time + ahead) / plan.scenario.slot_duration)
         try:
             tail = cut_tail(plan, min(max(point, 0), plan.scenario.slots - 1))
-            new_tail = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
-                replace(plan.scenario.eavesdroppers[0], position=(x, 0.0)),)))
+            new_tail = fly_hover_fly(with_eavesdroppers(tail.scenario, position=(x, 0.0)))
             self.player.load(continue_plan(plan, max(point, 0), new_tail))
         except PlanningError:
             pass
@@ -425,11 +418,7 @@ class TestAnyOrderAtLength(AnyOrder.TestCase):
 @pytest.mark.parametrize('mutes', [False, True])
 def test_power_is_sent_in_promised_slots_only_where_that_is_asked_for(plan, mutes):
     promised = replace(plan, promised_until=80.0, gaps=((20.0, 40.0),))  # Slots of 2 s.
-    bench = Bench()
-    bench.player = Player(bench.refused.append, mutes)
-    bench.player.load(promised)
-    bench.player.start()
-    bench.run(140.0)
+    bench = start_flight(promised, 140.0, mutes=mutes)
     slots = np.array([(now - BEGIN) // (2 * SECOND) for now, _ in bench.sent])
     powers = np.array([moment.powers for _, moment in bench.sent])
     inside = (slots >= 1) & (slots <= 65)
@@ -437,22 +426,13 @@ def test_power_is_sent_in_promised_slots_only_where_that_is_asked_for(plan, mute
     mask = promised.promised_slots | (not mutes)
     assert mask.sum() == (31 if mutes else 65)
     assert powers[inside] == pytest.approx((plan.powers * mask).T[slots[inside] - 1])
-    assert bench.player.delivered == pytest.approx(sum(
-        2.0 * rate for rate, counts in zip(rates_to_the_ground(plan), mask) if counts), rel=0.02)
-
-
-def rates_to_the_ground(plan):
-    """Return the rate of each slot without any eavesdropper."""
-    return Playback(plan).secrecy_rates(plan.times[1:-1] + 1.0)
+    to_the_ground = Playback(plan).secrecy_rates(plan.times[1:-1] + 1.0)
+    assert bench.player.delivered == pytest.approx(2.0 * to_the_ground[mask].sum(), rel=0.02)
 
 
 def test_a_late_flight_has_left_its_promise_until_a_new_one_is_for_its_time(plan):
     promised = replace(plan, promised_until=100.0)
-    bench = Bench()
-    bench.player = Player(bench.refused.append, True)
-    bench.player.load(promised)
-    bench.player.start()
-    bench.run(45.0)  # It begins 5 s later.
+    bench = start_flight(promised, 45.0, mutes=True)  # It begins 5 s later.
     assert bench.sent[-1][1].powers.any()
     bench.player.pause()
     bench.run(8.0)

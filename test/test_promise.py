@@ -93,15 +93,14 @@ def test_an_assessment_says_no_promise_where_there_is_none(case):
     assert ('promised' in labels) == (promise == 'guaranteed') != (promise in labels)
 
 
-def test_plan_and_check_say_how_often_a_slot_has_less(case, tmp_path, capsys, monkeypatch):
+def test_plan_and_check_say_how_often_a_slot_has_less(case, tmp_path, command, monkeypatch):
     promise, plan = case
     monkeypatch.chdir(tmp_path)
     plan.scenario.save('mission.yaml')
-    for command, shown in (
+    for words, shown in (
             (['check', 'mission.yaml'], fly_hover_fly(plan.scenario)),
             (['plan', 'mission.yaml', '--bound-time-limit', '0', '--method', 'joint'], None)):
-        assert main(command) == 0
-        out = capsys.readouterr().out
+        out, _ = command(*words)
         assert ('a slot has less in' in out) == (promise != 'guaranteed')
         assert shown is None or promise == 'guaranteed' or assess(shown, 200).shortfall in out
 

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import reference_snr_db, Scenario, solve, upper_bound
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model import channel
 from strategies import random_flight, scenarios
 
@@ -69,10 +68,9 @@ def test_the_reference_snr_is_friis_equation_over_thermal_noise(budget, expected
     assert reference_snr_db(*budget) == pytest.approx(expected, abs=0.01)
 
 
-def test_the_command_computes_a_link_budget(capsys):
-    assert main(['link-budget', '--carrier-hz', '2.4e9', '--bandwidth-hz', '20e6',
-                 '--noise-figure-db', '6', '--receive-gain-dbi', '5']) == 0
-    expected = reference_snr_db(2.4e9, 20e6, 6.0, 0.0, 5.0)
-    assert capsys.readouterr().out == f'reference_snr_db: {expected:.2f}\n'
-    assert main(['link-budget', '--carrier-hz', '2.4', '--bandwidth-hz', '20e6']) == 2
-    assert 'carrier_hz is 2.4' in capsys.readouterr().err
+def test_the_command_computes_a_link_budget(command):
+    out, _ = command('link-budget', '--carrier-hz', '2.4e9', '--bandwidth-hz', '20e6',
+                     '--noise-figure-db', '6', '--receive-gain-dbi', '5')
+    assert out == f'reference_snr_db: {reference_snr_db(2.4e9, 20e6, 6.0, 0.0, 5.0):.2f}\n'
+    assert 'carrier_hz is 2.4' in command(
+        'link-budget', '--carrier-hz', '2.4', '--bandwidth-hz', '20e6', status=2).err

@@ -275,63 +275,46 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
             'the relay of uav1, /relay, has not reported for ' in client.statuses[-1].text))
 
 
-class Held:
-    """Two vehicles that fly a plan through a relay, and what is told of them."""
+@pytest.mark.parametrize('is_killed', [False, True], ids=['disabled for 3 s', 'killed'])
+def test_vehicles_that_lost_their_relay_come_back_and_send_no_power_meanwhile(
+        packages, client, is_killed):
+    names, options = ('uav1', 'uav2'), {'stack': 'mavros', 'uav1__max_speed': 10.0}
+    powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
 
-    options = {'stack': 'mavros', 'uav1__max_speed': 10.0}
+    def are_flown():
+        """Return True if both are on their plan, and send power."""
+        distances = client.status.track.distance
+        return all(distances.get(name, math.nan) < 3.0 for name in names) and (
+            powers[0][-1].data > 0)
 
-    def __init__(self, packages, client, stack):
-        names, self.client = ('uav1', 'uav2'), client
-        self.powers = [client.listen(Float64, f'{name}/setpoint/power', 10000) for name in names]
-        self.planner = stack.enter_context(node_process(
-            'planner', duration=300.0, slots=150, replan_deviation=8.0, replan_lead=3.0,
-            uav1__max_acceleration=2.5, uav2__max_acceleration=2.5, uav2__altitude=100.0))
-        self.replay = stack.enter_context(node_process('replay', vehicle_odometry=True))
-        self.relay = stack.enter_context(node_process('relay', **self.options))
-        self.vehicles = [Autopilot(packages, client, name, (100.0, 500.0)) for name in names]
-        wait_for(lambda: all(client.status.has_pose(f'{name}/odom') for name in names))
+    with node_process('planner', duration=300.0, slots=150, replan_deviation=8.0, replan_lead=3.0,
+                      uav1__max_acceleration=2.5, uav2__max_acceleration=2.5,
+                      uav2__altitude=100.0) as planner, \
+            node_process('replay', vehicle_odometry=True) as replay, \
+            node_process('relay', **options) as relay, ExitStack() as later:
+        vehicles = [Autopilot(packages, client, name, (100.0, 500.0)) for name in names]
+        wait_for(lambda: vehicles and all(
+            client.status.has_pose(f'{name}/odom') for name in names))
         client.plan_paper()
         assert client.call('replay/start').success
-        wait_for(lambda: client.status.track.time > 6.0 and self.is_flown(),
-                 what='a flight')
-
-    def is_flown(self):
-        """Return True if both are on their plan, and send power."""
-        distances = self.client.status.track.distance
-        return all(distances.get(name, math.nan) < 3.0 for name in ('uav1', 'uav2')) and (
-            self.powers[0][-1].data > 0)
-
-    def wait_until_held(self):
-        """Wait until both were told off their plan, and send no power."""
-        wait_for(lambda: 'uav1 is held ' in self.client.statuses[-1].text,
+        wait_for(lambda: client.status.track.time > 6.0 and are_flown(), what='a flight')
+        if is_killed:
+            relay.kill()
+            text = 'the relay of uav1, /relay, has not reported for '
+            for node in (replay, planner):  # About a second later.
+                wait_for_line(node, text)
+            wait_for(lambda: text in client.statuses[-1].text, what='the name of the relay')
+            later.enter_context(node_process('relay', **options))
+            client.send_paper()  # Its poses ended with the relay.
+        else:
+            client.call('relay/enable', SetBool, SetBool.Request(data=False))
+            time.sleep(3.0)
+            client.call('relay/enable', SetBool, SetBool.Request(data=True))
+        wait_for(lambda: 'uav1 is held ' in client.statuses[-1].text,
                  what='the word that uav1 is held')
-        wait_for_line(self.replay, 'no power is sent: ')
-        wait_for(lambda: not any(watts[-1].data for watts in self.powers), what='silence')
-
-
-def test_vehicles_that_were_handed_over_come_back_and_send_no_power_meanwhile(packages, client):
-    """The relay is disabled for 3 s."""
-    with ExitStack() as stack:
-        held = Held(packages, client, stack)
-        client.call('relay/enable', SetBool, SetBool.Request(data=False))
-        time.sleep(3.0)
-        client.call('relay/enable', SetBool, SetBool.Request(data=True))
-        held.wait_until_held()
-        wait_for(held.is_flown, what='both on their plan')
-
-
-def test_vehicles_that_lost_their_relay_come_back_through_the_next_one(packages, client):
-    with ExitStack() as stack:
-        held = Held(packages, client, stack)
-        held.relay.kill()
-        text = 'the relay of uav1, /relay, has not reported for '
-        for node in (held.replay, held.planner):  # About a second later.
-            wait_for_line(node, text)
-        wait_for(lambda: text in client.statuses[-1].text, what='the name of the relay')
-        stack.enter_context(node_process('relay', **held.options))
-        client.send_paper()  # Its poses ended with the relay.
-        held.wait_until_held()
-        wait_for(held.is_flown, what='both on their plan')
+        wait_for_line(replay, 'no power is sent: ')
+        wait_for(lambda: not any(watts[-1].data for watts in powers), what='silence')
+        wait_for(are_flown, what='both on their plan')
 
 
 def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(packages, client):

@@ -7,11 +7,12 @@ import math
 from typing import get_origin, get_type_hints, Literal
 
 import city
+from processes import ROOT
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from ros_client import DEFAULTS
+from ros_client import DEFAULTS, flat
 from ros_nodes import has_said, node_here, refusal
 from secure_uav_planner import GroundNode, NoFlyZone, Scenario
 from secure_uav_planner.errors import ParameterError
@@ -109,6 +110,26 @@ def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_tim
         node.remove_on_set_parameters_callback(running._on_set)
         node.undeclare_parameter(name)
     assert min(judged.values()) > 400, judged
+
+
+@pytest.mark.parametrize('node', ['planner', 'replay'])
+def test_the_papers_parameter_file_has_the_defaults(node):
+    written = yaml.safe_load((ROOT / 'config' / 'paper.yaml').read_text())
+    values = dict(flat(written[f'/**/{node}']['ros__parameters']))
+    specs = {'planner': {**PLANNER, **read_specs('uav', 'uav1'), **read_specs('uav', 'uav2', 1),
+                         **read_specs('eavesdropper', 'eavesdropper')}, 'replay': REPLAY}[node]
+    assert values
+    for name, value in values.items():
+        assert specs[name].convert(name, value) == specs[name].default, name
+
+
+def test_every_parameter_has_a_description_and_says_what_it_allows():
+    for specs in (PLANNER, REPLAY, read_specs('uav', 'a'), read_specs('ground_node', 'g'),
+                  read_specs('eavesdropper', 'e')):
+        for name, spec in specs.items():
+            assert spec.description.endswith('.'), name
+            assert spec.allowed in spec.descriptor().additional_constraints
+            assert spec.convert(name, spec.default) == spec.default
 
 
 def test_choices_and_lengths_in_the_table_of_parameters_are_those_of_the_package():

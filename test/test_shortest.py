@@ -11,7 +11,6 @@ import pytest
 from ros_client import seconds
 from ros_nodes import wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve
-from secure_uav_planner.apps.cli import main
 from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
@@ -96,14 +95,13 @@ def test_no_plan_delivers_what_is_refused_without_a_search(scenario):
 
 
 def test_bits_for_which_no_flight_is_found_are_blamed_and_not_a_line_of_the_file(
-        tmp_path, capsys, monkeypatch):
+        tmp_path, command, monkeypatch):
     file = tmp_path / 'mission.yaml'
     Scenario.paper(120.0, slots=6).save(file)
     monkeypatch.setattr('secure_uav_planner.bound.shortest.find_longest_duration', lambda _: 200)
     for bits, words in (('1e9', 'the longest flight'), ('900', 'no flights were found')):
-        assert main(['plan', str(file), '-o', str(tmp_path), '--deliver', bits]) == 2
-        assert re.fullmatch(f'.*: --deliver: bits is .* bit/Hz; {words}.*\n',
-                            capsys.readouterr().err)
+        _, err = command('plan', file, '-o', tmp_path, '--deliver', bits, status=2)
+        assert re.fullmatch(f'.*: --deliver: bits is .* bit/Hz; {words}.*\n', err)
 
 
 def test_a_search_that_ends_early_keeps_what_suffices_or_says_that_nothing_was_found():
@@ -125,22 +123,21 @@ def test_a_search_that_ends_early_keeps_what_suffices_or_says_that_nothing_was_f
     assert 'this suffices for 250 bit/Hz' in plan.message and 'proven' not in plan.message
 
 
-def test_the_command_plans_the_shortest_flight(tmp_path, capsys, monkeypatch):
+def test_the_command_plans_the_shortest_flight(tmp_path, command, monkeypatch):
     texts = []
     monkeypatch.setattr('secure_uav_planner.apps.planning._Progress.show',
                         lambda _, text, force=False: texts.append(text))
     file = tmp_path / 'mission.yaml'
     Scenario.paper(150.0, slots=50).save(file)
-    options = ['plan', str(file), '-o', str(tmp_path), '--deliver', '250', '--no-baselines',
-               '--bound-time-limit', '0']
-    assert main(options) == 0
+    options = ('plan', file, '-o', tmp_path, '--deliver', '250', '--no-baselines',
+               '--bound-time-limit', '0')
+    out, _ = command(*options)
     plan = Plan.load(tmp_path / 'plan.json')
-    assert plan.message in capsys.readouterr().out and 'this suffices for 250' in plan.message
+    assert plan.message in out and 'this suffices for 250' in plan.message
     # The progress tells the duration under trial, and no rate before there is one.
     assert any(re.search(r'\(150\.0 s: joint\), [\d.]+ bit/s/Hz', text) for text in texts)
     assert any('(150.0 s: start), nothing yet' in text for text in texts)
-    assert main([*options, '--method', 'alternating']) == 2
-    assert '--deliver' in capsys.readouterr().err
+    assert '--deliver' in command(*options, '--method', 'alternating', status=2).err
 
 
 def test_the_planner_plans_the_shortest_flight(client, planner):

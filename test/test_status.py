@@ -1,6 +1,6 @@
-"""The status of the planner on its way over DDS."""
+"""The status of the planner: what it tells, and how it comes over DDS."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 import math
 from typing import get_args, get_origin, get_type_hints
 
@@ -10,9 +10,14 @@ from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from ros_client import values_of
-from secure_uav_planner.errors import OptionError
+from secure_uav_planner import fly_hover_fly, Iteration, Scenario
+from secure_uav_planner.errors import LateError, OptionError
+from secure_uav_planner.ros.planner.status import (
+    level_and_text, plan_status, RequestOutcome, State)
 from secure_uav_planner.ros.planner_status import list_keys, PlannerStatus, TrackStatus
+from test_plan import gap_plan
 
+PLAN = fly_hover_fly(Scenario.paper(120.0, slots=10))
 NAMES = st.from_regex('[a-z][a-z0-9_]{0,9}(/(pose|odom))?', fullmatch=True)
 # Six digits are sent.
 NUMBERS = st.floats(allow_infinity=False).map(lambda number: float(f'{number:.6g}'))
@@ -70,3 +75,47 @@ def test_what_is_no_status_is_refused_with_its_key_and_more_keys_are_not_used(va
             values=[KeyValue(key=key, value=value) for key, value in values.items()]))
     more = DiagnosticStatus(values=[KeyValue(key='plan.new.value', value='5')])
     assert PlannerStatus.from_message(more) == PlannerStatus(more.level, plan=PlannerStatus().plan)
+
+
+def test_a_problem_with_a_uav_is_in_the_status_during_a_solve():
+    outcome, problems = RequestOutcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
+    failed = outcome._replace(level=DiagnosticStatus.ERROR, text='it failed')
+    solving = 'solving: iteration 3, 1.5000 bit/s/Hz'
+    progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
+    for last, wrong, iteration, level, text in (
+            (outcome, problems, progress, DiagnosticStatus.WARN, f'uav1 is 9 m off; {solving}'),
+            (outcome, [], progress, DiagnosticStatus.OK, solving),
+            (outcome, problems, None, DiagnosticStatus.WARN, 'uav1 is 9 m off; a plan'),
+            (outcome, [], None, DiagnosticStatus.OK, 'a plan'),
+            (failed, problems, None, DiagnosticStatus.ERROR, 'uav1 is 9 m off; it failed')):
+        assert level_and_text(last, wrong, iteration) == (level, text)
+
+
+def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
+    state = State(plan=PLAN)
+    for is_replan in (False, True):
+        state.refuse(LateError('it comes too late'), is_replan)
+        state.forget_replan()
+        assert (state.outcome.code == 'ok') is is_replan
+
+
+def test_a_refusal_of_a_replan_ends_when_it_is_due_no_more_and_a_short_replan_is_no_warning():
+    state = State()
+    for keep, status, level in (
+            (state.keep_requested, 'converged', DiagnosticStatus.OK),
+            (state.keep_requested, 'time_limit', DiagnosticStatus.WARN),
+            (state.keep_replan, 'time_limit', DiagnosticStatus.OK),
+            (state.keep_replan, 'numerical_trouble', DiagnosticStatus.WARN)):
+        keep(replace(PLAN, status=status))
+        assert state.outcome.level == level, status
+    assert (state.plans, state.replans) == (2, 0)  # The replans changed nothing.
+    assert state.keep_replan(replace(PLAN, start_ns=5)) and state.replans == 1
+
+
+def test_a_plan_without_a_promised_slot_is_told_with_warn():
+    first, _ = gap_plan()
+    outcome = State(plan=replace(first, promised_until=-2.2)).outcome
+    assert outcome.level == DiagnosticStatus.WARN
+    assert 'guaranteed rate none, worst-case rate none bit/s/Hz; no slot is promised: receivers ' \
+        'are predicted until -2.2 s and slot 1 begins at 10.0 s' in outcome.text
+    assert plan_status(first, None, 0.0).promised_slots == 2

@@ -1,7 +1,6 @@
 """Campaigns: every mission once, none lost, whatever dies on the way."""
 
 import csv
-from dataclasses import replace
 import fcntl
 import json
 import os
@@ -20,6 +19,7 @@ import pytest
 from secure_uav_planner import Plan, run_campaign, Scenario, solve
 from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
+from strategies import with_eavesdroppers
 from test_cli import MODULE, PATIENCE
 
 CAMPAIGN = """
@@ -33,6 +33,7 @@ seed: 3
 methods: [joint, fly_hover_fly_constant]
 objectives: [guaranteed, worst_case]
 """
+SWEEP = 'sweep', 'campaign.yaml', '-o', 'out'
 
 
 @pytest.fixture
@@ -73,8 +74,8 @@ def written(least):
     return path.exists() and path.read_bytes().count(b'\n') >= least
 
 
-def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2']) == 0
+def test_each_mission_is_planned_once_and_is_a_row(folder, command):
+    out, _ = command(*SWEEP, '--jobs', '2')
     rows = journal()
     # Two durations, two radii, two draws, two methods by two objectives.
     assert load_campaign('campaign.yaml').size == 32
@@ -88,9 +89,7 @@ def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
         if row['method'] == 'joint' and row['outcome'] == 'ok':
             scenario = Scenario.paper(120.0, row['fields']['eavesdroppers.*.error_radius'], 8)
             place = tuple(row['fields']['eavesdroppers.0.position'])
-            scenario = replace(scenario, eavesdroppers=(
-                replace(scenario.eavesdroppers[0], position=place),))
-            plan = solve(scenario, objective=row['objective'])
+            plan = solve(with_eavesdroppers(scenario, position=place), objective=row['objective'])
             assert row['worst_case_rate'] == pytest.approx(plan.worst_case_rate, abs=1e-6)
             assert row['guaranteed_rate'] == pytest.approx(plan.guaranteed_rate, abs=1e-6)
             break
@@ -98,10 +97,10 @@ def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
         table = list(csv.DictReader(file))
     assert len(table) == 32 and {row['duration'] for row in table} == {'60.0', '120.0'}
     assert Path('out/summary.png').read_bytes().startswith(b'\x89PNG')
-    assert '16 ok, 16 infeasible' in capsys.readouterr().out
+    assert '16 ok, 16 infeasible' in out
     # Again, nothing is left to plan.
     before = Path('out/results.jsonl').read_bytes()
-    assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 0
+    command(*SWEEP)
     assert Path('out/results.jsonl').read_bytes() == before
 
 
@@ -122,10 +121,9 @@ def test_from_python_a_campaign_is_a_table_and_goes_on_in_its_folder(folder):
             run_campaign(wrong)
 
 
-def test_shards_have_each_mission_once_and_join(folder, capsys):
-    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
+def test_shards_have_each_mission_once_and_join(folder, command):
     for number in Random(0).sample(range(1, 4), 3):
-        assert main([*arguments, '--shard', f'{number}/3']) == 0
+        command(*SWEEP, '--jobs', '1', '--shard', f'{number}/3')
         assert not Path('out/results.csv').exists()
     shards = [[json.loads(line)['key'] for line in Path(
         f'out/results-{number}-of-3.jsonl').read_text().splitlines()] for number in (1, 2, 3)]
@@ -133,23 +131,22 @@ def test_shards_have_each_mission_once_and_join(folder, capsys):
     # Another shard may be writing its last line.
     with open('out/results-2-of-3.jsonl', 'a') as file:
         file.write('{"key": "half')
-    assert main(arguments) == 0 and journal() == []
-    shown = capsys.readouterr()
-    assert '16 ok, 16 infeasible' in shown.out and 'no result' not in shown.err
+    out, err = command(*SWEEP, '--jobs', '1')
+    assert '16 ok, 16 infeasible' in out and 'no result' not in err and journal() == []
     with open('out/results.csv', newline='') as file:
         assert len(list(csv.DictReader(file))) == 32
     for wrong in ('0/3', '4/3', '1', 'a/b'):
         with pytest.raises(SystemExit):
-            main([*arguments, '--shard', wrong])
+            main([*SWEEP, '--jobs', '1', '--shard', wrong])
 
 
 def test_in_a_file_each_period_has_a_line_with_done_failed_rate_and_time_left(
-        folder, capsys, monkeypatch):
+        folder, command, monkeypatch):
     monkeypatch.setattr('secure_uav_planner.apps.campaigns._PERIODS', {False: 0.001})
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    _, err = command(*SWEEP, '--jobs', '1')
     lines = [re.fullmatch(
         r'sweep: (\d+) of 32 missions done, (\d+) failed, (\S+)/s(?:, (\S.*) left)?', line)
-             for line in capsys.readouterr().err.splitlines()]
+             for line in err.splitlines()]
     assert len(lines) > 2 and all(lines)
     counts = [int(line[1]) for line in lines]
     assert counts == sorted(counts) and lines[-1].group(1, 2, 4) == ('32', '16', '0:00:00')
@@ -162,7 +159,7 @@ vary: {duration: [60.0, 120.0], channel.exponent: [2.0, 2.5]}
 bound_time_limit: .inf
 plans: true
 """)
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    assert main([*SWEEP, '--jobs', '1']) == 0
     first, second, long, unproven = journal()
     assert [row['outcome'] for row in (first, second, long, unproven)] == [
         'infeasible', 'infeasible', 'ok', 'ok']
@@ -174,7 +171,7 @@ plans: true
     assert plan.bound.rate == pytest.approx(long['bound']) and plan.bound.status == 'converged'
     # A plan that is gone is planned again; what cannot be flown has none.
     file.unlink()
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    assert main([*SWEEP, '--jobs', '1']) == 0
     assert file.exists() and [row['key'] for row in journal()[4:]] == [
         long['key'], unproven['key']]
 
@@ -184,9 +181,8 @@ DAMAGES = [b'', b'null', b'[]', b'7', b'{}', b'\0' * 40, b'\xff\xfe', b'[' * 100
 
 
 def test_damaged_lines_are_named_and_they_and_failures_of_workers_are_planned_again(
-        folder, capsys):
-    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
-    assert main(arguments) == 0
+        folder, command):
+    command(*SWEEP, '--jobs', '1')
     lines = Path('out/results.jsonl').read_bytes().splitlines()
     table = Path('out/results.csv').read_text()
     odd = json.loads(lines[10])
@@ -198,9 +194,7 @@ def test_damaged_lines_are_named_and_they_and_failures_of_workers_are_planned_ag
         lines[number] = json.dumps({
             **json.loads(lines[number]), 'outcome': outcome, 'reason': '', 'rate': None}).encode()
     Path('out/results.jsonl').write_bytes(b'\n'.join([*lines, b'']))
-    capsys.readouterr()
-    assert main(arguments) == 0
-    out, err = capsys.readouterr()
+    out, err = command(*SWEEP, '--jobs', '1')
     warning = err.splitlines()[0]
     assert warning.startswith('out/results.jsonl: no result in line 1, 2, 3') and (
         '12, 13; a mission without another line is planned again' in warning)
@@ -225,8 +219,7 @@ def test_a_sweep_that_ends_early_keeps_what_is_finished_and_goes_on_there(
         folder, end, status, told):
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
     limits = {'preexec_fn': limit_file_size} if end == 'full disk' else {}
-    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2', start_new_session=True,
-                    **limits)
+    process = start(*SWEEP, '--jobs', '2', start_new_session=True, **limits)
     if end != 'full disk':
         wait_for(lambda: written(3), process)
         os.killpg(process.pid, end)  # As a terminal does.
@@ -237,17 +230,16 @@ def test_a_sweep_that_ends_early_keeps_what_is_finished_and_goes_on_there(
     if end == signal.SIGKILL:  # As if in the middle of a line.
         with open('out/results.jsonl', 'a') as file:
             file.write('{"key": "half')
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    assert main([*SWEEP, '--jobs', '1']) == 0
     keys = [row['key'] for row in journal()]
     assert len(keys) == len(set(keys)) == 160 and kept == {*keys[:len(kept)]} and kept
 
 
-def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
+def test_two_sweeps_do_not_write_to_one_folder(folder, command):
     Path('out').mkdir()
     with open('out/results.jsonl', 'ab') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 2
-    assert 'another sweep' in capsys.readouterr().err
+        assert 'another sweep' in command(*SWEEP, status=2).err
 
 
 # Dask
@@ -282,7 +274,7 @@ def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_
         folder, cluster):
     address, (scheduler, victim, _) = cluster
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 4'))
-    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
+    arguments = *SWEEP, '--scheduler', address
     driver = start(*arguments)
     wait_for(lambda: written(3), driver)
     victim.kill()
@@ -306,26 +298,20 @@ def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_
     assert len(journal()) >= 67
 
 
-def test_a_fault_of_the_program_is_told_as_one_and_not_planned_again(folder, capsys, monkeypatch):
+def test_a_fault_of_the_program_is_told_as_one_and_not_planned_again(
+        folder, command, monkeypatch):
     def break_down(*arguments, **options):
         return [][5]
     monkeypatch.setattr('secure_uav_planner.apps.tasks.assess', break_down)
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 1')
                                      + 'assess: {draws: 2}\n')
     for _ in range(2):
-        assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 1
-        errors = capsys.readouterr().err
+        _, errors = command(*SWEEP, '--jobs', '1', status=1)
         assert re.search('8 missions met a fault of the program, .* please report it: IndexError: '
                          r'list index out of range \(test_sweep.py, line \d+\)', errors), errors
     rows = journal()
     assert len(rows) == 16
     assert [row['outcome'] for row in rows].count('fault') == 8
-
-
-def distributed_client(address):
-    """Return a client of a scheduler."""
-    from distributed import Client
-    return Client(address)
 
 
 @pytest.mark.slow
@@ -334,10 +320,10 @@ def distributed_client(address):
 def test_a_mission_that_lost_its_worker_is_reported_and_retried(folder, cluster):
     address, (_, victim, _) = cluster
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
-    with distributed_client(address) as client:
+    with pytest.importorskip('distributed').Client(address) as client:
         client.wait_for_workers(2, PATIENCE)
     victim.send_signal(signal.SIGSTOP)  # So it gets missions, and finishes none.
-    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
+    arguments = *SWEEP, '--scheduler', address
     driver = start(*arguments)
     wait_for(lambda: written(1), driver)
     victim.kill()
@@ -377,8 +363,8 @@ def test_the_example_for_slurm_runs_on_a_cluster_of_processes(folder, monkeypatc
         names['cluster'].close()
 
 
-def test_a_scheduler_that_cannot_be_reached_is_status_2(folder, capsys, monkeypatch):
+def test_a_scheduler_that_cannot_be_reached_is_status_2(folder, command, monkeypatch):
     pytest.importorskip('distributed')
     monkeypatch.setattr('secure_uav_planner.apps.tasks._CONNECT_TIMEOUT', 1.0)
-    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', 'tcp://127.0.0.1:1']) == 2
-    assert 'cannot be reached' in capsys.readouterr().err
+    _, err = command(*SWEEP, '--scheduler', 'tcp://127.0.0.1:1', status=2)
+    assert 'cannot be reached' in err

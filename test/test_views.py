@@ -1,12 +1,10 @@
 """Views of missions and plans as their methods: `plot`, `to_dataframe`, `save_mat`."""
 
 from dataclasses import replace
-import subprocess
-import sys
 
 from hypothesis import given, settings
 import numpy as np
-from processes import environment
+from processes import run_python
 import pytest
 from scipy.io import loadmat
 from secure_uav_planner import (
@@ -31,11 +29,9 @@ def test_a_plan_and_its_mission_plot_themselves_without_pyplot(plan, tmp_path):
         assert figure._repr_png_().startswith(PNG)  # What a notebook asks for.
     with pytest.raises(OptionError, match='baselines is .*; it must be a sequence of Plans'):
         plan.plot(plan)
-    done = subprocess.run(
-        [sys.executable, '-c', 'import secure_uav_planner as s, sys; '
-         's.fly_hover_fly(s.Scenario.paper(120.0, slots=12)).plot(); '
-         'sys.exit("matplotlib.pyplot" in sys.modules)'], env=environment(), timeout=300)
-    assert done.returncode == 0
+    run_python('-c', 'import secure_uav_planner as s, sys; '
+               's.fly_hover_fly(s.Scenario.paper(120.0, slots=12)).plot(); '
+               'sys.exit("matplotlib.pyplot" in sys.modules)')
 
 
 @settings(max_examples=10)

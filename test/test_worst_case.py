@@ -12,7 +12,8 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.model.channel import rates, worst_case
 from secure_uav_planner.model.channel.links import make_link
 from secure_uav_planner.model.kernel import core
-from strategies import channels, missions, random_powers, random_sectors, SEEDS, with_tracks
+from strategies import (
+    channels, missions, random_powers, random_sectors, SEEDS, with_eavesdroppers, with_tracks)
 
 
 def random_plan(scenario, rng):
@@ -72,8 +73,7 @@ def test_no_place_leaks_more_than_proven_and_the_worst_within_1e_6(scenario, mov
 def test_without_an_error_radius_or_a_jammer_it_is_the_guarantee(scenario, seed):
     rng = np.random.default_rng(seed)
     positions, powers = random_plan(scenario, rng)
-    points = replace(scenario, eavesdroppers=tuple(
-        replace(eve, error_radius=0.0) for eve in scenario.eavesdroppers))
+    points = with_eavesdroppers(scenario, error_radius=0.0)
     alone = replace(scenario, uavs=scenario.uavs[:1])
     for variant, count in ((points, len(positions)), (alone, 1)):
         arguments = variant, positions[:count], powers[:count]
