@@ -17,8 +17,9 @@ kernel = Extension(
     depends=[f'{package_name}/{header}' for header in sources['list_sources']('*.hpp')],
     include_dirs=[f'{package_name}/{folder}' for folder in sources['FOLDERS']], language='c++',
     define_macros=[('KERNEL_SOURCES', f'"{sources["find_digest"]()}"')],
-    extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
-                        '-fvisibility=hidden', '-pthread'],
+    # Python's own flags may have -fwrapv, with which most loops are not vectorised.
+    extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math',
+                        '-fno-wrapv', '-g0', '-fvisibility=hidden', '-pthread'],
     extra_link_args=['-pthread'])
 
 
