@@ -15,6 +15,7 @@ from secure_uav_planner.bound import method, upper_bound
 from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
 from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
+from secure_uav_planner.bound.search.multipliers import MultiplierSearch
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.airspace import Airspace
@@ -56,10 +57,26 @@ def test_the_papers_mission_is_bounded_within_a_percent(duration, best, objectiv
 def test_linear_potentials_narrow_a_large_gap(monkeypatch):
     mission = random_mission(102, jammers=1)
     plan = solve(mission, objective='guaranteed')
+    monkeypatch.setattr(method, 'SMALL_GAP', math.inf)
     narrow = upper_bound(mission, objective='guaranteed', plan=plan)
     monkeypatch.setattr(method, 'LARGE_GAP', math.inf)
     wide = upper_bound(mission, objective='guaranteed', plan=plan)
     assert narrow.gap(plan) < 0.8 * wide.gap(plan)
+
+
+@pytest.mark.slow
+def test_cells_cut_between_eavesdroppers_close_a_gap(monkeypatch):
+    # With one v in a slot, the jammer counts as if it were near four eavesdroppers.
+    mission = Scenario(
+        (-95, 23), [Eavesdropper(place, radius) for place, radius in (
+            ((-32, -381), 0), ((237, -189), 0), ((118, -271), 51), ((-126, -298), 31))],
+        [Uav('transmitter', (-97, 162), (121, -215), 162, 13.6, 1.35, 6.6),
+         Uav('jammer', (-205, 178), (21, -83), 71.5, 15.6, 1.52, 6.6)], 72.7, 40, 70.2)
+    plan = solve(mission, objective='guaranteed')
+    close = upper_bound(mission, objective='guaranteed', plan=plan)
+    monkeypatch.setattr(MultiplierSearch, 'cut_cells', lambda search, tau: None)
+    wide = upper_bound(mission, objective='guaranteed', plan=plan)
+    assert close.gap(plan) < 0.5 * wide.gap(plan)
 
 
 def test_no_disc_is_left_out_for_places_in_another():

@@ -43,6 +43,25 @@ def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(arguments)
     assert excess(**arguments) <= 0
 
 
+def search_on_in_cut_cells(monkeypatch):
+    """Make certificates of searches that go on with exact best columns and cut cells."""
+    right = bound_attack.build_multipliers
+
+    def build(search):
+        search.thorough = True
+        for _ in range(3):
+            search.cut_cells(0.01)
+            search.minimise(0.01, 2)
+        return right(search)
+    monkeypatch.setattr(bound_attack, 'build_multipliers', build)
+
+
+@pytest.mark.parametrize('options', [MISSIONS[i] for i in (0, 3, 5, 6)], ids=str)
+def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_with_cut_cells(options, monkeypatch):
+    search_on_in_cut_cells(monkeypatch)
+    assert excess(options) <= 0
+
+
 def change_multipliers(monkeypatch, change):
     """Make certificates of multipliers of which some fields are changed."""
     right = bound_attack.build_multipliers
@@ -174,6 +193,19 @@ def test_cells_that_leave_a_part_of_the_reachable_set_out_are_noticed(monkeypatc
         cells = right(self, chosen)
         return replace(cells, low=cells.low + 0.3 * (cells.high - cells.low))
     monkeypatch.setattr(Cells, 'quarter', wrong)
+    assert excess({'seed': 7, 'eavesdroppers': 4}) > 0
+
+
+def test_a_part_of_a_cut_cell_that_no_cell_covers_is_noticed(monkeypatch):
+    right = Cells.cut
+
+    def wrong(self, chosen, axis, at):
+        cells, parts = right(self, chosen, axis, at), np.arange(-len(chosen), 0)
+        low = cells.low.copy()
+        low[parts, axis] += 0.5 * (cells.high - low)[parts, axis]
+        return replace(cells, low=low)
+    monkeypatch.setattr(Cells, 'cut', wrong)
+    search_on_in_cut_cells(monkeypatch)
     assert excess({'seed': 7, 'eavesdroppers': 4}) > 0
 
 

@@ -317,15 +317,24 @@ class Cells:
 
     def quarter(self, chosen: NDArray[np.int64]) -> Cells:
         """Return all cells, with the chosen ones, by their indices (D,), divided into four."""
-        cells = self._halve(chosen, 0)
-        return cells._halve(np.append(chosen, np.arange(len(self.group), len(cells.group))), 1)
+        middle = (self.low + self.high)[chosen] / 2
+        cells = self.cut(chosen, np.zeros_like(chosen), middle[:, 0])
+        return cells.cut(np.append(chosen, np.arange(len(self.group), len(cells.group))),
+                         np.ones(2 * len(chosen), int), np.tile(middle[:, 1], 2))
 
-    def _halve(self, chosen: NDArray[np.int64], axis: int) -> Cells:
-        """Return all cells, with the chosen ones, (D,), halved; upper halves are appended."""
+    def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64], at: Array) -> Cells:
+        """
+        Return all cells, with the chosen ones cut in two; upper parts are appended.
+
+        :param chosen: indices of cells, (D,).
+        :param axis: the coordinate along which each is cut, (D,).
+        :param at: the coordinate of each cut, (D,) in units; a cut outside a cell moves into it.
+        """
         low, high = self.low.copy(), self.high.copy()
         upper_low, upper_high = low[chosen], high[chosen]
-        # Both halves have the same rounded middle, so that no gap is between them.
-        high[chosen, axis] = upper_low[:, axis] = (low[chosen, axis] + high[chosen, axis]) / 2
+        # Both parts have the same rounded border, so that no gap is between them.
+        high[chosen, axis] = upper_low[np.arange(len(chosen)), axis] = np.clip(
+            at, low[chosen, axis], high[chosen, axis])
         return Cells(np.append(self.group, self.group[chosen]),
                      np.concatenate([low, upper_low]), np.concatenate([high, upper_high]))
 

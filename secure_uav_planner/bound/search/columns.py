@@ -7,6 +7,7 @@ The value of a column is convex in the multipliers, and so is the largest value 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,6 +93,13 @@ class Columns:
         row = np.arange(len(index))[:, None]
         return Columns(self.place[row, index], self.power[row, index],
                        self.ground[row, index], self.leaks[row, index])
+
+    @staticmethod
+    def choose(parts: list[Columns], number: NDArray[np.intp]) -> Columns:
+        """Return for every group the columns of one of several Columns, by its number (G,)."""
+        row = np.arange(len(number))
+        return Columns(*(np.stack([getattr(part, name) for part in parts])[number, row]
+                         for name in ('place', 'power', 'ground', 'leaks')))
 
     def spread(self, group: NDArray[np.intp], groups: int) -> Columns:
         """
@@ -195,6 +203,15 @@ class ColumnPool:
         return Columns.concatenate([
             first._base, first._table,
             *(part for pool in pools for part in (*pool._rounds, *pool._exact))])
+
+    @staticmethod
+    def choose(pools: list[ColumnPool], number: NDArray[np.intp]) -> ColumnPool:
+        """Return a pool that has the columns of one of several pools in every group, (G,)."""
+        pool = copy(pools[0])
+        pool._improved, pool._rounds, pool._exact = (
+            [Columns.choose(list(parts), number) for parts in zip(*lists)] for lists in zip(*(
+                (other._improved, other._rounds, other._exact) for other in pools)))
+        return pool
 
     @property
     def silent(self) -> Columns:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 import scipy
 
 from .columns import Columns, pack_columns
@@ -250,6 +251,10 @@ class Dual:
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
         """Return the dual function with its gradient and its Hessian."""
         return self._evaluate(point, True)
+
+    def find_worst_cell(self, point: DualPoint) -> NDArray[np.intp]:
+        """Return the index of the cell with the largest value in every group, (G,)."""
+        return np.asarray(self._branches(point, False)[0][:-1].argmax(0))
 
     def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, Any]:
         """Return the dual function, and its ArrowSystem if `second`, else None."""

@@ -7,7 +7,6 @@ made for several breakpoints, each with its own v.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -191,11 +190,26 @@ class MultiplierSearch:
         columns = Columns.of(region, place[:, None], power[:, None])
         return replace(columns, ground=np.where(better[:, None], columns.ground, -WORTHLESS))
 
-    def divide_cells(self) -> None:
-        """Divide every cell into four, which begin with its v and its columns."""
-        self.cells = self.cells.quarter(np.arange(len(self.cells.group)))
-        self.point = replace(self.point, v=np.tile(self.point.v, (1, 4, 1)))
-        self.pools = [[copy(pool) for pool in pools] for pools in 4 * self.pools]
+    def cut_cells(self, tau: float) -> None:
+        """
+        Cut the cell with the largest value in every group in two, amid its best columns.
+
+        Each part begins with the cell's v and columns.
+
+        :param tau: temperature [nats] of the best columns.
+        """
+        dual, row, last = self.dual(tau), np.arange(len(self.weight)), len(self.team.regions) - 1
+        worst = dual.find_worst_cell(self.point)
+        columns = Columns.choose([parts[last] for parts in dual.columns], worst)
+        v = self.point.v[row, worst]
+        value = self.evaluate(last, columns, self.weight, v)
+        share = np.exp((value - value.max(1, keepdims=True)) / tau)[..., None]
+        share /= share.sum(1, keepdims=True)
+        mean = (share * columns.place).sum(1)
+        axis = (share * (columns.place - mean[:, None])**2).sum(1).argmax(1)
+        self.cells = self.cells.cut(worst * len(row) + row, axis, mean[row, axis])
+        self.point = replace(self.point, v=np.concatenate([self.point.v, v[:, None]], 1))
+        self.pools.append([ColumnPool.choose(list(pools), worst) for pools in zip(*self.pools)])
 
     def add_quadratic_part(self) -> None:
         """Make the potentials quadratic, beginning with S = 0."""
