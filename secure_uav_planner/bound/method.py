@@ -71,6 +71,9 @@ SMALL_GAP = 0.005
 WIDE_GAP = 0.02
 """Gap above which a search adds more cells, and takes as many rounds as SETTLED has."""
 
+STUCK = 0.8
+"""Largest part of a gap that the first CUTS cells may leave if more are to follow."""
+
 DIVIDED_COST = 12.0
 """Largest ratio of the times of certificates with and without these cells."""
 
@@ -270,11 +273,14 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
         leading.raise_if_over = best.reserve_time(ratio)
         leading.raise_if_over()
         leading.thorough = True
+        before = best.rate
         with best.proving(leading):
             for _ in range(CUTS):
                 leading.cut_cells(schedule[0][0])
                 leading.minimise(schedule[0][0], ITERATIONS)
             _anneal(leading, schedule)
+        if best.rate - rate > STUCK * (before - rate):
+            break
         ratio = 2.0
     return best.status
 
