@@ -105,7 +105,7 @@ class VehicleLog:
             velocities[np.isnan(positions[:, 0])] = np.nan
             return velocities
         velocities = np.gradient(positions, times, axis=0)
-        for jump in self.jumps:
+        for jump in self.jumps:  # A difference takes in both neighbours of a time.
             velocities[np.abs(times - jump) <= 2 * np.diff(times).max()] = np.nan
         return np.asarray(velocities)
 

@@ -28,7 +28,7 @@ from ...mission.validation import Array
 from ...model.kernel import core
 
 V_BARRIER = 0.3
-"""Weight of the barrier -log v, in units of the temperature tau."""
+"""Weight of the barrier -log v: in units of tau, or of 1e-5 nats with one eavesdropper."""
 
 SLACK_BARRIER = 1e-6
 """Weight [nats] of the barrier -log(w0 - s)."""
@@ -258,7 +258,7 @@ class Dual:
 
     def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, Any]:
         """Return the dual function, and its ArrowSystem if `second`, else None."""
-        value, group, groups = self._groups(point, second)
+        value, gradients, hessians = self._groups(point, second)
         v, prices, layout = point.v, point.prices, point.group_layout
         bar = V_BARRIER * (self.tau if v.shape[-1] > 1 else 1e-5)
         slack = self.slack(v)
@@ -272,13 +272,13 @@ class Dual:
             return value, None
         for cell in range(v.shape[1]):
             own, part, rest = self._select_v(layout, cell), v[:, cell], slack[:, cell]
-            group[:, own] += self.count[:, None] * (
+            gradients[:, own] += self.count[:, None] * (
                 -bar / part + (SLACK_BARRIER / rest)[:, None])
-            groups[:, own, own] += self.count[:, None, None] * (
+            hessians[:, own, own] += self.count[:, None, None] * (
                 (bar / part**2)[:, :, None] * np.eye(part.shape[1])
                 + (SLACK_BARRIER / rest**2)[:, None, None])
         return value, ArrowSystem(
-            point.layout, layout, group, groups, *edges.flatten(),
+            point.layout, layout, gradients, hessians, *edges.flatten(),
             slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
             self.count / self.tau, v.shape[1])
 
@@ -371,7 +371,10 @@ class Dual:
                 second: bool) -> tuple[Array, Array, Array]:
         """Return one cell's entropies and maximum over the transmit power, with derivatives."""
         rest, peak = 1 - v.sum(-1), self.team.regions[0].peak
-        slack, own, la = self.weight - v.sum(-1), self._select_v(layout, cell), layout.prices.start
+        # `rest` is the last weight of the entropy, `slack` the part of the weight for the ground
+        # node's rate, and `paid` the unknown of the transmitter's price.
+        slack, own = self.weight - v.sum(-1), self._select_v(layout, cell)
+        paid = layout.prices.start
         value, power = maximise_power(slack, price, peak)
         totals = self.team.sum_listeners(v)
         value = value - entropy(*totals) + entropy(self.weight)
@@ -381,14 +384,14 @@ class Dual:
         grad, hess = np.zeros((len(v), size)), np.zeros((len(v), size, size))
         inner = power < peak * (1 - 1e-12)
         grad[:, own] = -np.log(power * rest)[:, None]
-        grad[:, la] = -power
+        grad[:, paid] = -power
         hess[:, own, own] = (1 / rest + inner / slack)[:, None, None]
         for places, total in zip(self.team.listeners, totals):
             at = own.start + places
             grad[:, at] += np.log(total)[:, None]
             hess[:, at[:, None], at] += (1 / total)[:, None, None]
-        hess[:, own, la] = hess[:, la, own] = (inner / price)[:, None]
-        hess[:, la, la] = inner * slack / price**2
+        hess[:, own, paid] = hess[:, paid, own] = (inner / price)[:, None]
+        hess[:, paid, paid] = inner * slack / price**2
         return value, grad, hess
 
 

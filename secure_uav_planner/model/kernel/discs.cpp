@@ -196,7 +196,8 @@ void find_local_minima(const py::dict& args, const py::buffer& minima) {
     }
 }
 
-// Fill lower bounds of the inverse SINR in one sector of each disc; see core.pyi.
+// Fill lower bounds of the inverse SINR in one sector of each disc, and the inverse SINR at one
+// place of each sector, `values`.
 void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buffer& bounds,
                    const py::buffer& values) {
     const Discs discs = make_discs(args);

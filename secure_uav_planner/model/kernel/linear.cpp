@@ -81,7 +81,8 @@ double eliminate_pair(double* matrix, int size, int k) {
 }  // namespace
 
 // The matrix A is factored, P A P^T = L D L^T, where D has blocks of one or two rows (Ashcraft,
-// Grimes and Lewis, 1998), and negative eigenvalues of D become 0 (Cheng and Higham, 1998).
+// Grimes and Lewis, 1998), and negative eigenvalues of D become 0 (Cheng and Higham, 1998). The
+// result is what this adds to A: the sum of shifts times outer products of the columns of `a`.
 void find_modification(double* matrix, int size, double* space) {
     double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
     std::vector<int> order(size);

@@ -50,7 +50,8 @@ public:
 
     // Find the gradient of receiver k's rate by the variables of slot n, (V). Add the lower
     // triangle of the rate's Hessian, (V, V), times a weight. For a place that moves along with the
-    // UAVs the Hessian includes the place's moves.
+    // UAVs the Hessian includes the place's moves. Slope and curvature of a Signal include the
+    // factors 2 and 4 of derivatives of the squared distance.
     void differentiate(const Iterate& iterate, std::size_t n, int k, double weight,
                        double* gradient, double* hessian) {
         const int V = 3 * uavs();

@@ -278,7 +278,7 @@ class Replay(WorkingNode):
         was_playing = player.playing
         moment = player.tick(now, self._settings.speed, self._eavesdropper,
                              is_ready=not self._release.unmet, longest=longest,
-                             is_silent=self._is_silent(now))
+                             is_silent=self._update_silence(now))
         self._ticked_ns = now
         if has_plan:
             self._outputs['plan_time'].publish(messages.plan_time(
@@ -291,8 +291,8 @@ class Replay(WorkingNode):
         if was_playing and player.ended:
             self._announce_end()
 
-    def _is_silent(self, now_ns: int) -> bool:
-        """Return True if UAVs are off their plan, so that no power is sent; log changes."""
+    def _update_silence(self, now_ns: int) -> bool:
+        """Return True if UAVs are off their plan, so that no power is sent; log lost relays."""
         player, lost = self._player, dict[str, str]()
         for problem in self._vehicles.relays.find_newly_lost():
             if player.streaming:
