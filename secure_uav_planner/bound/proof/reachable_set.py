@@ -322,19 +322,21 @@ class Cells:
         return cells.cut(np.append(chosen, np.arange(len(self.group), len(cells.group))),
                          np.ones(2 * len(chosen), int), np.tile(middle[:, 1], 2))
 
-    def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64], at: Array) -> Cells:
+    def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64],
+            border: Array) -> Cells:
         """
         Return all cells, with the chosen ones cut in two; upper parts are appended.
 
         :param chosen: indices of cells, (D,).
         :param axis: the coordinate along which each is cut, (D,).
-        :param at: the coordinate of each cut, (D,) in units; a cut outside a cell moves into it.
+        :param border: the coordinate of each cut, (D,) in units. A border outside a cell moves to
+            its edge.
         """
         low, high = self.low.copy(), self.high.copy()
         upper_low, upper_high = low[chosen], high[chosen]
         # Both parts have the same rounded border, so that no gap is between them.
         high[chosen, axis] = upper_low[np.arange(len(chosen)), axis] = np.clip(
-            at, low[chosen, axis], high[chosen, axis])
+            border, low[chosen, axis], high[chosen, axis])
         return Cells(np.append(self.group, self.group[chosen]),
                      np.concatenate([low, upper_low]), np.concatenate([high, upper_high]))
 
