@@ -70,6 +70,16 @@ def random_city_mission(seed, slots=None, slack=None):
         no_fly_zones=tuple(zones), geofence=fence)
 
 
+def random_polygon(rng, centre, size, most_corners=24):
+    """Return the vertices of a simple polygon around a centre, most of them far from convex."""
+    while True:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, most_corners + 1)))
+        radii = size * rng.uniform(0.05, 1, len(angles))
+        points = centre + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        if shapely.Polygon(points).is_valid:
+            return tuple(map(tuple, points.tolist()))
+
+
 def _outline(rng, centre, size, roughness):
     """Return the vertices of a star-shaped polygon; without roughness it is convex."""
     corners = int(rng.integers(4, 10))

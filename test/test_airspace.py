@@ -5,11 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from random_cities import random_polygon
 from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.polygons import convex_parts, depth, half_planes, pockets
 from secure_uav_planner.model.airspace import Airspace
 import shapely
+from strategies import SEEDS
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
 HOOK = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (30.0, 40.0), (30.0, 10.0), (0.0, 10.0))
@@ -18,15 +20,11 @@ FENCE = ((-400.0, -800.0), (600.0, -800.0), (600.0, 800.0), (-400.0, 800.0))
 
 @st.composite
 def polygons(draw):
-    """Return simple polygons around a centre, most of them far from convex, in either order."""
-    count = draw(st.integers(3, 40))
-    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
-    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
-    radii = rng.uniform(0.05, 1, count) * draw(st.sampled_from([1e-2, 1.0, 300.0, 1e6]))
-    points = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)
-    points = points[::draw(st.sampled_from([1, -1]))] + rng.uniform(-500, 500, 2)
-    vertices = tuple(map(tuple, points.tolist()))
-    return vertices if shapely.Polygon(vertices).is_valid else draw(st.just(SQUARE))
+    """Return simple polygons of any size, in either order."""
+    rng = np.random.default_rng(draw(SEEDS))
+    vertices = random_polygon(
+        rng, rng.uniform(-500, 500, 2), draw(st.sampled_from([1e-2, 1.0, 300.0, 1e6])), 40)
+    return vertices[::draw(st.sampled_from([1, -1]))]
 
 
 @given(polygons())

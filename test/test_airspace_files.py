@@ -171,6 +171,8 @@ HOSTILE = {
                         'Flat: its ceiling is 0 m above the ground, so that it holds nowhere'),
     'world.geojson': (geojson(feature([[[541, 47], [541.1, 47], [541, 47.1]]])),
                       'a corner has the latitude 47 and the longitude 541'),
+    'beyond.geojson': (geojson(feature([[[180.001, 47], [179.9, 47], [179.9, 47.1]]])),
+                       'a corner has the latitude 47 and the longitude 180.001; they must be'),
     'latin.geojson': (geojson(feature([SQUARE], name='?')).encode().replace(b'?', b'\xf6'),
                       'it is not UTF-8 text: invalid start byte'),
     'world.plan': (qgc(circles=[((47, 200), 5, True)]),

@@ -28,16 +28,6 @@ def test_the_objective_never_falls_and_no_slot_leaks_more_than_arrives(scenario)
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate - 1e-9
 
 
-def test_the_callback_stops_the_run():
-    iterations = []
-    plan = solve(Scenario.paper(102, slots=51), method='alternating',
-                 on_iteration=lambda iteration: iterations.append(iteration) or len(
-                     iterations) == 3)
-    assert plan.status == 'cancelled'
-    assert list(plan.history[:3]) == iterations[:3]
-    assert [iteration.number for iteration in iterations] == list(range(len(iterations)))
-
-
 @pytest.mark.parametrize('method', METHODS)
 def test_at_the_deadline_there_is_a_feasible_plan(monkeypatch, method):
     # A second goes by whenever the time is asked for.

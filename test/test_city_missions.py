@@ -79,22 +79,14 @@ def fly(scenario, objective='guaranteed'):
     return plan, baseline
 
 
-@pytest.mark.parametrize('seed, slots, objective', [
-    *((seed, 60, 'guaranteed') for seed in range(6)), (8, 20, 'worst_case')])
+@pytest.mark.parametrize('seed, slots, margin, objective', [
+    *((seed, 60, 0.0, 'guaranteed') for seed in range(6)), (8, 20, 0.0, 'worst_case'),
+    (4, 40, 8.0, 'guaranteed'), (5, 40, 3.0, 'guaranteed'),
+    (160, None, 0.0, 'guaranteed')])  # The last is too tight for few slots, and starts on more.
 def test_a_plan_keeps_all_limits_all_the_time_and_is_not_below_its_baseline(
-        seed, slots, objective):
-    fly(random_city_mission(seed, slots), objective)
-
-
-@pytest.mark.parametrize('seed, margin', [(4, 8.0), (5, 3.0)])
-def test_a_plan_keeps_its_limits_with_a_margin(seed, margin):
-    plan, _ = fly(replace(random_city_mission(seed, slots=40), tracking_margin=margin))
-    assert plan.clearance.zones_beyond_margin > -TOLERANCE
-
-
-def test_a_mission_too_tight_for_few_slots_starts_on_more():
-    plan, _ = fly(random_city_mission(160))
-    assert plan.status == 'converged'
+        seed, slots, margin, objective):
+    plan, _ = fly(replace(random_city_mission(seed, slots), tracking_margin=margin), objective)
+    assert plan.status == 'converged' and plan.clearance.zones_beyond_margin > -TOLERANCE
 
 
 @pytest.mark.parametrize('scenario, points', [

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from random_cities import random_polygon
 from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError
 from secure_uav_planner.model.airspace.clearance import Clearance, least_distance, Pieces
@@ -18,14 +19,7 @@ SAMPLES = 2001
 
 def random_zone(rng, low=-300, high=300):
     """Return the vertices of a polygon that need not be convex."""
-    count = int(rng.integers(3, 9))
-    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
-    radii = rng.uniform(5, 120, count)
-    points = rng.uniform(low, high, 2) + np.stack(
-        [radii * np.cos(angles), radii * np.sin(angles)], axis=1)
-    if not shapely.Polygon(points).is_valid:
-        return random_zone(rng, low, high)
-    return tuple(map(tuple, points.tolist()))
+    return random_polygon(rng, rng.uniform(low, high, 2), 120.0, 8)
 
 
 def random_flights(seed, count=3, slots=8):

@@ -169,20 +169,6 @@ def track(plan, flight):
     return from_physics(replace(plan, start_ns=START_NS), flight)
 
 
-def test_delay_and_offset_of_a_flight_come_back_from_its_logs(track, tmp_path):
-    right = dict(compare_logs(track, tmp_path / 'right'))
-    moved = compare_logs(track.add(delay=0.3, offset=0.8), tmp_path / 'moved')
-    for kind, comparison in moved:
-        for name, errors in comparison.uavs.items():
-            before = right[kind].uavs[name]
-            assert errors.delay_s - before.delay_s == pytest.approx(0.3, abs=0.02), kind
-            assert errors.cross_track_mean_m - before.cross_track_mean_m == pytest.approx(
-                0.8, abs=0.05), kind
-            # The report of the flight itself has the same errors.
-            assert before.error_rms_m == pytest.approx(
-                np.sqrt(((flown_errors(track)[name])**2).mean()), rel=0.02)
-
-
 def flown_errors(track):
     """Return the horizontal errors (K,) in m of each UAV at all steps of the physics."""
     asked = track.plan.curve.at(track.times).positions
@@ -190,7 +176,8 @@ def flown_errors(track):
             for index, uav in enumerate(track.plan.scenario.uavs)}
 
 
-def test_the_slots_that_broke_in_physics_are_found_in_every_log(plan, track, tmp_path):
+def test_errors_and_broken_slots_of_a_flight_in_physics_are_found_in_every_log(
+        plan, track, tmp_path):
     positions = track.positions.copy()
     away = 80.0 * np.sin(np.clip((track.times - 14.0) / 10.0, 0.0, 1.0) * math.pi)**2
     positions[0, :, 1] += away  # The transmitter leaves its way, to the eavesdropper.
@@ -207,3 +194,6 @@ def test_the_slots_that_broke_in_physics_are_found_in_every_log(plan, track, tmp
     for kind, comparison in compare_logs(lost, tmp_path):
         assert comparison.broken.tolist() == broken.tolist(), kind
         assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(flown, abs=0.01)
+        for name, errors in flown_errors(lost).items():
+            assert comparison.uavs[name].error_rms_m == pytest.approx(
+                np.sqrt((errors**2).mean()), rel=0.02), kind

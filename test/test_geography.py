@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
-from secure_uav_planner.errors import MissionFileError, OptionError, ScenarioError
+from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.ros.settings import load_mission, origin_from
 import shapely
@@ -301,17 +301,3 @@ def flatten(values):
     """Give the numbers in nested lists."""
     for value in values if isinstance(values, list) else ():
         yield from flatten(value) if isinstance(value, list) else (value,)
-
-
-def test_zones_that_the_meridian_cuts_are_one_and_corners_beyond_it_are_refused(tmp_path):
-    west = [[179.99, 1], [180, 1], [180, 1.01], [179.99, 1.01]]
-    east = [[-180, 1], [-179.99, 1], [-179.99, 1.01], [-180, 1.01]]
-    (tmp_path / 'a.geojson').write_text(json.dumps(
-        {'type': 'MultiPolygon', 'coordinates': [[west], [east]]}))
-    zone, = read_zones(tmp_path / 'a.geojson', Origin(1, 180))[0]
-    assert depth(zone.vertices, (0.0, 500.0)) == pytest.approx(500, abs=1)
-    for corner in (180.001, 541):
-        (tmp_path / 'a.geojson').write_text(json.dumps(
-            {'type': 'Polygon', 'coordinates': [[*west[:-1], [corner, 1.005]]]}))
-        with pytest.raises(MissionFileError, match=f'longitude {corner:g}; they must be'):
-            read_zones(tmp_path / 'a.geojson', Origin(1, 180))

@@ -104,15 +104,6 @@ def test_a_motion_beyond_the_limits_or_that_leads_to_a_jump_is_refused_anywhere_
             refuses(guard, setpoint, reason, limits=limits)
 
 
-def test_setpoints_of_one_source_pass_while_those_of_another_one_jump():
-    guard, x, now = streamed()
-    for number in range(1, 40):
-        now += STEP
-        assert passes(guard, at(x + 0.5 * number, now))
-        assert not passes(guard, at(400.0, now))
-        assert guard.hold(now) is None
-
-
 def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhere():
     guard, x, now = streamed()
     assert guard.hold(now + SECOND // 5) is None
@@ -164,13 +155,15 @@ def test_a_clock_that_jumps_ends_the_stream_and_the_next_setpoint_begins_one(jum
     assert passes(guard, at(x, now)) and guard.hold(now) is None
 
 
-def test_what_becomes_of_a_stream_is_told_with_its_reason():
+def test_a_stream_passes_beside_one_that_jumps_and_what_becomes_of_it_is_told_with_its_reason():
     guard, x, now = streamed()
     assert guard.stream(now, LIMITS) == ('passing', '')
-    for number in range(1, 10):  # Of another source, while this one goes on.
+    for number in range(1, 40):  # Of another source, while this one goes on.
         now += STEP
+        assert not passes(guard, at(400.0, now))
         guard.note_refusal('it is far', now)
         assert passes(guard, at(x + 0.5 * number, now))
+        assert guard.hold(now) is None
         assert guard.stream(now, LIMITS) == ('passing', '')
     assert guard.stream(now + SECOND // 2, LIMITS) == ('holding', 'it is far')
     assert guard.stream(now + 2 * SECOND, LIMITS) == ('holding', 'no setpoint comes')

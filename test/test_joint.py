@@ -142,16 +142,18 @@ def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
         pytest.approx(solve(scenario, method='joint').guaranteed_rate, rel=1e-5))
 
 
-@pytest.mark.parametrize('objective, calls', [
-    ('guaranteed', 1), ('guaranteed', 5), ('guaranteed', 45), ('worst_case', 1),
-    ('worst_case', 60), ('worst_case', 75)])
-def test_the_callback_stops_the_run_with_the_best_plan_so_far(objective, calls):
+@pytest.mark.parametrize('method, objective, calls', [
+    ('joint', 'guaranteed', 1), ('joint', 'guaranteed', 5), ('joint', 'guaranteed', 45),
+    ('joint', 'worst_case', 1), ('joint', 'worst_case', 60), ('joint', 'worst_case', 75),
+    ('alternating', 'guaranteed', 3)])
+def test_the_callback_stops_the_run_with_the_best_plan_so_far(method, objective, calls):
     iterations = []
     plan = optimize.solve(
-        team(), objective=objective,
+        team(), method, objective=objective,
         on_iteration=lambda iteration: iterations.append(iteration) or len(iterations) == calls)
     assert plan.status == 'cancelled' and len(iterations) <= calls + 1
     assert list(plan.history) == iterations
+    assert [iteration.number for iteration in iterations] == list(range(len(iterations)))
     # An iterate for (P2) may be better for (P1) before it is reported as that.
     assert plan.rate >= max(iteration.rate for iteration in iterations) - 5e-6
 

@@ -1,17 +1,18 @@
 """The margin for the errors of vehicles: its offset of zones, fence and separation."""
 
 from dataclasses import replace
-import math
 
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from random_cities import random_polygon
 from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError, ScenarioError
 from secure_uav_planner.mission.polygons import checked_polygon, offset_polygon
 from secure_uav_planner.model.airspace import Airspace
 import shapely
+from strategies import SEEDS
 
 SPIKE = ((0.0, 0.0), (100.0, 0.0), (0.0, 5.0))
 SQUARE = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
@@ -23,15 +24,9 @@ COURT = ((0, 0), (90, 0), (90, 90), (48, 90), (48, 80), (80, 80), (80, 10), (10,
 @st.composite
 def outlines(draw):
     """Return the vertices of a polygon of any shape and size, anywhere."""
-    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
-    count = int(rng.integers(3, 25))
-    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
-    radii = rng.uniform(0.05, 1, count) * 10**rng.uniform(0, 3)
+    rng = np.random.default_rng(draw(SEEDS))
     centre = rng.uniform(-1, 1, 2) * 10**rng.uniform(0, 5)
-    points = centre + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    if not shapely.Polygon(points).is_valid:
-        points = points[:3]
-    return checked_polygon(points.tolist())
+    return checked_polygon(random_polygon(rng, centre, 10**rng.uniform(0, 3)))
 
 
 margins = st.floats(-3, 3).map(lambda power: 10**power)
