@@ -42,9 +42,15 @@ def curve(uav, path, step):
 
 
 def check_flight(plan):
-    """Assert all limits of flights of a plan at many times, with their margin."""
+    """Assert all limits of a plan: of its flights at many times, with their margin, and powers."""
     scenario = plan.scenario
     margin = scenario.tracking_margin
+    for ends, points in ((scenario.starts, plan.positions[:, 0]),
+                         (scenario.goals, plan.positions[:, -1])):
+        assert np.abs(points - ends).max() <= 1e-6
+    for uav, watts in zip(scenario.uavs, plan.powers, strict=True):
+        assert 0.0 <= watts.min() and watts.max() <= uav.peak_power + 1e-9
+        assert watts.mean() <= uav.average_power + 1e-9
     step = scenario.slot_duration
     curves = [curve(uav, path, step) for uav, path in zip(scenario.uavs, plan.positions)]
     seconds = step / SAMPLES

@@ -17,8 +17,8 @@ import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve, Uav
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.problem import Problem
+from test_city_missions import check_flight
 
-POSITION_TOLERANCE, POWER_TOLERANCE = 1e-6, 1e-9  # m, W
 NEGLIGIBLE_RATE = 1e-7  # bit/s/Hz, below which plans are silent
 
 METHODS = (('joint', 'guaranteed'), ('joint', 'worst_case'),
@@ -76,24 +76,9 @@ def hard_missions(draw, slots=None, uavs=None):
     return Scenario(ground, eves, tuple(team), duration, slots, snr)
 
 
-def check_feasible(scenario, positions, powers):
-    """Assert every limit of the mission, by NumPy alone."""
-    count, slots = len(scenario.uavs), scenario.slots
-    assert positions.shape == (count, slots + 2, 2) and powers.shape == (count, slots)
-    assert np.isfinite(positions).all() and np.isfinite(powers).all()
-    for uav, path, watts in zip(scenario.uavs, positions, powers):
-        assert np.abs(path[0] - uav.start).max() <= POSITION_TOLERANCE
-        assert np.abs(path[-1] - uav.goal).max() <= POSITION_TOLERANCE
-        steps = np.hypot(*np.diff(path, axis=0).T)
-        assert steps.max() <= uav.max_speed * scenario.duration / slots + POSITION_TOLERANCE
-        assert watts.min() >= -POWER_TOLERANCE
-        assert watts.max() <= uav.peak_power + POWER_TOLERANCE
-        assert watts.mean() <= uav.average_power + POWER_TOLERANCE
-
-
 def check_plan(scenario, plan, baseline):
     """Assert what every plan promises, and that it is not below the baseline."""
-    check_feasible(scenario, plan.positions, plan.powers)
+    check_flight(plan)
     grid = Problem(scenario).grid
     ground, leaks = oracle.rates(grid, grid.variables(plan.positions[:, 1:-1], plan.powers))
     rates = (ground - leaks.max(axis=-1)) / math.log(2)
@@ -123,7 +108,7 @@ def fuzz(method, objective, missions, count, time_limit=None, derandomize=False)
     @given(missions)
     def check(scenario):
         baseline = fly_hover_fly(scenario, 'optimised')
-        check_feasible(scenario, baseline.positions, baseline.powers)
+        check_flight(baseline)
         began = time.monotonic()
         plan = solve(scenario, method, time_limit=time_limit, objective=objective)
         times.append(time.monotonic() - began)
@@ -161,7 +146,7 @@ def test_a_warm_start_from_any_other_mission_is_as_safe(method, objective):
     @given(hard_missions(uavs=2), hard_missions(uavs=2))
     def check(before, now):
         plan = solve(now, method, initial=fly_hover_fly(before), objective=objective)
-        check_feasible(now, plan.positions, plan.powers)
+        check_flight(plan)
         assert np.isfinite(plan.guaranteed_rates).all()
         rates_of = channel.guaranteed_rates if objective == 'guaranteed' else (
             channel.worst_case_rates)

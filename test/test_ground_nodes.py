@@ -360,7 +360,7 @@ def test_a_plan_that_knows_who_listens_beats_the_plan_that_trusts_all(objective,
         assert assess(plan, 20).rates.min() >= plan.guaranteed_rate - 1e-9
 
 
-def test_playback_counts_nodes_that_listen_without_any_eavesdropper():
+def test_without_any_eavesdropper_playback_counts_the_nodes_that_listen_and_nobody_else():
     scenario = distrust(make_mission([(0, 0), (0, 200)], slots=10))
     flight = fly_hover_fly(scenario)
     plan = Plan(scenario, flight.positions, flight.powers, shares=[[1.0] * 10, [0.0] * 10])
@@ -368,6 +368,9 @@ def test_playback_counts_nodes_that_listen_without_any_eavesdropper():
     alone = replace(plan, scenario=replace(scenario, eavesdroppers=(Eavesdropper((0, 200)),)))
     np.testing.assert_allclose(rates, alone.guaranteed_rates, atol=1e-12)
     assert (rates > 0).any() and (rates == 0).any()
+    trusting = Playback(replace(plan, scenario=distrust(scenario, 9)))
+    assert trusting.secrecy_rates(plan.times[1:-1]) == pytest.approx(  # As from very far away.
+        trusting.secrecy_rates(plan.times[1:-1], (9e6, 0.0)), abs=1e-5)
 
 
 @pytest.mark.parametrize('change', [lambda scenario: scenario, distrust])

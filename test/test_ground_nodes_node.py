@@ -8,7 +8,6 @@ import pytest
 from ros_client import stamp_at
 from ros_nodes import node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import GroundNode, Plan, solve
-from secure_uav_planner.model.channel import secrecy_node_rates
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import SecurePlanner
@@ -94,21 +93,6 @@ def test_the_node_with_the_largest_share_is_served_while_anything_is_transmitted
         if 0 <= slot < plan.scenario.slots and plan.powers[0, slot] > 0:
             expected = NAMES[plan.shares[:, slot].argmax()]
         assert sent['setpoint/served'].data == expected
-
-
-def test_the_rate_of_a_moment_counts_the_shares_of_its_slot_and_where_nodes_are(plan):
-    barn, _ = plan.scenario.ground_nodes
-    moving = replace(plan.scenario, ground_nodes=(barn, GroundNode(
-        None, 'cart', 1.5, track=((0.0, *cart_at(1000.0)), (121.0, *cart_at(1121.0))))))
-    for scenario in (plan.scenario, moving):
-        flown, place = replace(plan, scenario=scenario), (204.0, 3.0)
-        playback, times = Playback(flown), flown.times[1:-1]
-        rates = np.maximum(secrecy_node_rates(scenario, flown.positions, flown.powers, place), 0)
-        assert [playback.secrecy_rate(time, place) for time in times] == pytest.approx(
-            (plan.shares * rates).sum(axis=0))
-        # Nobody hears as little as somebody very far away.
-        assert playback.secrecy_rates(times + 1.0) == pytest.approx(
-            playback.secrecy_rates(times + 1.0, (9e6, 0.0)), abs=1e-5)
 
 
 def test_a_plan_for_other_nodes_is_not_restored_and_one_for_these_is(client, plan, tmp_path):
