@@ -45,12 +45,6 @@ def test_with_the_changes_every_limit_carries_the_plan_or_is_as_large_as_it_can_
         assert value >= parameter.least(speed, acceleration) or value == parameter.most
 
 
-@given(speeds, accelerations)
-def test_a_faster_plan_needs_more_lean(speed, acceleration):
-    assert lean(speed, acceleration) < lean(1.1 * speed, acceleration) < 90
-    assert lean(speed, acceleration) < lean(speed, 1.1 * acceleration)
-
-
 def test_the_guide_has_every_parameter_with_its_values():
     rows = [
         f'| {name} | `{limit.name}` | {limit.limits} | {limit.default} {limit.unit} | '

@@ -1,5 +1,6 @@
 """The client for programs in Python, and the examples that use it, with real nodes."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 import threading
 import time
@@ -18,10 +19,21 @@ from std_srvs.srv import Trigger
 from strategies import with_uavs
 
 
+PAPER = Scenario.paper(120.0, slots=40)
+LONG = {'duration': 900.0, 'slots': 20000, 'time_limit': 0.0}
+
+
+@contextmanager
+def planner_with_poses(scenario=None, **parameters):
+    """Run a planner in this process; yield its client once it knows all poses."""
+    with node_here('planner', pose_timeout=0.0, **parameters), SecurePlanner(scenario) as planner:
+        planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+        yield planner
+
+
 @pytest.fixture
 def planner():
-    with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
-            SecurePlanner(Scenario.paper(120.0, slots=40)) as planner:
+    with planner_with_poses(PAPER, duration=120.0, slots=40) as planner:
         yield planner
 
 
@@ -29,9 +41,8 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
         planner):
     stranger = planner.node.create_publisher(String, 'plan', LATCHED)
     stranger.publish(String(data='[]'))  # It is not a plan, and ends no call.
-    planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
-    planner.node.destroy_publisher(stranger)
     plan = planner.plan()
+    planner.node.destroy_publisher(stranger)
     wait_for(lambda: planner.status.plan.identity == plan.identity)
     assert plan.guaranteed_rate == pytest.approx(
         planner.status.plan.guaranteed_rate, rel=1e-5)
@@ -44,8 +55,7 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
 
 
 def test_the_plan_of_a_request_is_its_own_whatever_else_is_published_meanwhile(planner):
-    planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
-    other = replace(fly_hover_fly(Scenario.paper(120.0, slots=40)), start_ns=1)
+    other = replace(fly_hover_fly(PAPER), start_ns=1)
     stranger = planner.node.create_publisher(String, 'plan', LATCHED)
     planner.node.create_timer(0.01, lambda: stranger.publish(messages.plan_text(other, 'map')))
     wait_for(lambda: planner.last_plan is not None and planner.last_plan.start_ns == 1)
@@ -79,10 +89,7 @@ def test_each_of_many_requests_at_once_gets_an_answer():
 
 
 def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():
-    long = {'duration': 900.0, 'slots': 20000, 'time_limit': 0.0, 'pose_timeout': 0.0}
-    with node_here('planner', **long), SecurePlanner() as planner:
-        planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
-
+    with planner_with_poses(**LONG) as planner:
         def cancel():
             planner.wait_until(lambda: planner.status.state == 'solving')
             planner.cancel()
@@ -107,7 +114,7 @@ def test_a_deadline_holds_where_no_planner_is_and_names_what_is_missing():
 
 def test_a_planner_that_is_killed_in_a_solve_ends_the_call_at_its_deadline_and_not_the_next_one():
     with SecurePlanner() as planner:
-        with node_process('planner', duration=900.0, slots=20000, time_limit=0.0) as process:
+        with node_process('planner', **LONG) as process:
             planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
             killer = threading.Thread(target=lambda: (
                 planner.wait_until(lambda: planner.status.state == 'solving'),
@@ -134,7 +141,7 @@ def test_a_call_that_waits_is_refused_within_on_status_and_an_error_there_ends_o
             refusals.append(str(error))
 
     with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
-            SecurePlanner(Scenario.paper(120.0, slots=40), on_status=on_status) as planner:
+            SecurePlanner(PAPER, on_status=on_status) as planner:
         planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
         assert refusals and 'it must be in another thread' in refusals[0]
         with pytest.raises(ClientError, match='a callback failed: ValueError: the first') as error:
@@ -175,8 +182,7 @@ def test_outside_of_the_block_and_when_it_is_left_every_call_is_an_error_of_the_
 
 def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_plan():
     track = ((0.0, -50.0, 0.0), (100.0, 50.0, 0.0))
-    scenario = replace(
-        Scenario.paper(120.0, slots=40), ground_node=None, ground_node_track=track)
+    scenario = replace(PAPER, ground_node=None, ground_node_track=track)
     with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
             SecurePlanner(scenario) as planner:
         def send():
@@ -193,12 +199,10 @@ def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_p
 
 
 def test_the_last_plan_is_the_plan_that_was_made_to_the_last_field(tmp_path):
-    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=3.0)
+    scenario = with_uavs(PAPER, max_acceleration=3.0)
     scenario.save(tmp_path / 'mission.yaml')
-    with node_here('planner', mission_file=tmp_path / 'mission.yaml', pose_timeout=0.0,
-                   plan_file=tmp_path / 'plan.json', objective='guaranteed'), \
-            SecurePlanner(scenario) as planner:
-        planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+    with planner_with_poses(scenario, mission_file=tmp_path / 'mission.yaml',
+                            plan_file=tmp_path / 'plan.json', objective='guaranteed') as planner:
         plan = planner.plan()
         wait_for((tmp_path / 'plan.json').exists)
     assert plan == Plan.load(tmp_path / 'plan.json')
@@ -207,9 +211,8 @@ def test_the_last_plan_is_the_plan_that_was_made_to_the_last_field(tmp_path):
 
 def test_a_path_and_powers_of_another_planner_become_a_plan_that_the_replay_takes(
         client, tmp_path):
-    mission = Scenario.paper(120.0, slots=40)
-    mission.save(tmp_path / 'mission.yaml')
-    plan = replace(fly_hover_fly(mission), start_ns=10**18)
+    PAPER.save(tmp_path / 'mission.yaml')
+    plan = replace(fly_hover_fly(PAPER), start_ns=10**18)
     with node_process(ROOT / 'examples/ros/plan_from_path.py',
                       mission_file=tmp_path / 'mission.yaml'), node_here('replay') as replay:
         for topic, message in messages.plan_messages(plan, 'earth'):
