@@ -8,6 +8,9 @@ from secure_uav_planner import (
     Channel, Eavesdropper, GroundNode, NoFlyZone, Origin, Scenario, Uav)
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.model.cone_program import minimise_utilisation
+from secure_uav_planner.model.problem import Problem
+from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 
 COORDINATE = st.floats(-500, 500)
 PLACE = st.tuples(COORDINATE, COORDINATE)
@@ -212,3 +215,11 @@ def with_tracks(scenario, rng):
         eavesdroppers=tuple(
             replace(eve, **PLACED, track=knots(np.array(eve.position), eve.error_radius))
             for eve in scenario.eavesdroppers))
+
+
+def find_interior(scenario, slots=None, share=0.2):
+    """Return a grid and strictly feasible variables on it, (N, U, 3)."""
+    problem = Problem(scenario)
+    grid = problem.grid.with_slots(slots or scenario.slots)
+    return grid, make_strictly_feasible(
+        grid, fly_hover_fly_positions(problem), 0.7 * constant_powers(scenario), share)

@@ -262,27 +262,23 @@ def test_zones_that_are_ignored_at_one_altitude_are_listed_as_ignored(monkeypatc
 
 # -- deliberate errors
 
-def longer(monkeypatch):
-    right = detours.bound_path_lengths
-    monkeypatch.setattr(detours, 'bound_path_lengths', lambda *args: 1.02 * right(*args))
+def lengthen(*args, right=detours.bound_path_lengths):
+    return 1.02 * right(*args)
 
 
-def larger_shadows(monkeypatch):
-    right = detours._cast_shadow
-    monkeypatch.setattr(detours, '_cast_shadow', lambda *args: right(*args).buffer(5.0))
+def enlarge_shadows(*args, right=detours._cast_shadow):
+    return right(*args).buffer(5.0)
 
 
-def fewer_corners(monkeypatch):
-    right = np.unique
-
-    def wrong(array, axis=None, **options):
-        return right(array, axis=axis, **options)[:: 1 if axis is None else 2]
-    monkeypatch.setattr(detours.np, 'unique', wrong)
+def leave_out_corners(array, axis=None, right=np.unique, **options):
+    return right(array, axis=axis, **options)[:: 1 if axis is None else 2]
 
 
-@pytest.mark.parametrize('error', [longer, larger_shadows, fewer_corners])
-def test_lengths_that_are_too_long_are_noticed(monkeypatch, error):
-    error(monkeypatch)
+@pytest.mark.parametrize('owner, name, wrong', [
+    (detours, 'bound_path_lengths', lengthen), (detours, '_cast_shadow', enlarge_shadows),
+    (np, 'unique', leave_out_corners)])
+def test_lengths_that_are_too_long_are_noticed(monkeypatch, owner, name, wrong):
+    monkeypatch.setattr(owner, name, wrong)
     assert any((bound > exact + 1e-6).any() for seed in range(4)
                for exact, bound, _ in path_lengths_and_bounds(seed))
 

@@ -28,17 +28,9 @@ from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.starts import generate_starts, make_strictly_feasible
-from strategies import make_crowd, scenarios, with_uavs
+from strategies import find_interior, make_crowd, scenarios, with_uavs
 
 COARSE_MU = 1e-3
-
-
-def find_interior(scenario, slots):
-    """Return a grid and strictly feasible variables on it, (N, U, 3)."""
-    problem = Problem(scenario)
-    grid = problem.grid.with_slots(slots or scenario.slots)
-    return grid, make_strictly_feasible(
-        grid, fly_hover_fly_positions(problem), 0.7 * constant_powers(scenario), share=0.2)
 
 
 def first_starts(scenario, slots):
@@ -132,7 +124,7 @@ def test_the_largest_of_many_leaks_is_exact_however_near_they_are(monkeypatch, s
     scenarios(max_eavesdroppers=3), st.integers(0, 5).map(lambda seed: random_city_mission(
         seed, 12))))
 def test_steps_stay_inside_and_lower_the_function_until_it_is_stationary(scenario):
-    grid, x = find_interior(scenario, None)
+    grid, x = find_interior(scenario)
     mu = 1e-2
     barrier = InteriorPointSolver(grid, x[None], mu)
     lines = any(isinstance(limit, LineLimit) for limit in build_limits(grid))

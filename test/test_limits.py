@@ -15,9 +15,8 @@ from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.base import Limit
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
-from strategies import random_powers, scenarios, SEEDS
+from secure_uav_planner.optimize.initial import fly_hover_fly_positions
+from strategies import find_interior, random_powers, scenarios, SEEDS
 
 
 @st.composite
@@ -36,19 +35,10 @@ def cities(draw):
 MISSIONS = st.one_of(scenarios(), cities())
 
 
-def make_interior(scenario, rng):
-    """Return a Grid and strictly feasible variables on it, (1, N, U, 3)."""
-    grid = Problem(scenario).grid
-    x = make_strictly_feasible(grid, fly_hover_fly_positions(Problem(scenario)),
-                               0.7 * constant_powers(scenario), share=0.3)
-    x[..., 0] *= rng.uniform(0.5, 1.0, x.shape[:-1])
-    return grid, x[None]
-
-
 def evaluate_limits(scenario, seed, size):
     """Yield for each limit of positions c as a function of a step, and the kernel's answers."""
     rng = np.random.default_rng(seed)
-    grid, [x] = make_interior(scenario, rng)
+    grid, x = find_interior(scenario, share=0.3)
     path = np.ascontiguousarray(oracle.path_of(grid, x))
     moves = np.zeros((grid.slots + 2, len(grid.fixed), 2))  # In units.
     moves[1:-1] = size * rng.normal(size=moves[1:-1].shape) * ~grid.fixed[:, None]
