@@ -122,6 +122,7 @@ def _rate(scenario, positions, powers, place, radius, advantage, to_ground, soft
     offset = positions - place[:, None]
     squared = offset[..., 0]**2 + offset[..., 1]**2
     if radius.any():
+        # Inside a disc the paper's (d - eps)^2 would promise too much.
         distance = np.sqrt(squared[..., 0])
         squared[..., 0] = np.where(distance.real > radius, (distance - radius)**2, 0.0)
         rounded = np.sqrt(squared[..., 1:] + softening**2)

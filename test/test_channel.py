@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import oracle
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
 from strategies import missions, random_flight, rotate_map
 
@@ -58,12 +58,3 @@ def test_a_larger_error_radius_or_a_better_receiver_never_helps(
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
         assert (rates(worse, positions, powers)
                 <= rates(scenario, positions, powers) + 1e-6).all()
-
-
-def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():
-    # The paper's (d - eps)^2 would take it for 50 m away and promise too much.
-    scenario = replace(Scenario.paper(102), eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
-    positions = np.zeros((2, scenario.slots + 2, 2))
-    gains = channel.guaranteed_gains(scenario, positions)
-    assert gains[0, 0] == pytest.approx(scenario.reference_snr / 100.0**2)
-    assert gains[0, 1] == pytest.approx(scenario.reference_snr / (50.0**2 + 110.0**2))

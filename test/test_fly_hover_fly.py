@@ -37,11 +37,3 @@ def test_a_uav_whose_start_is_its_goal_goes_out_and_back():
     plan = fly_hover_fly(replace(scenario, uavs=(there,), duration=60.0, slots=60))
     reached = np.linalg.norm(plan.positions[0] - there.start, axis=-1).max()
     assert 299 < reached <= 305
-
-
-def test_with_no_slack_the_only_flight_is_the_straight_line():
-    scenario = Scenario.paper(200)
-    slow = replace(scenario.uavs[0], max_speed=1000 / 201)
-    plan = fly_hover_fly(replace(scenario, uavs=(slow,)))
-    line = np.linspace(slow.start, slow.goal, 202)
-    assert plan.positions[0] == pytest.approx(line, abs=1e-6)
