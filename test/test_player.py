@@ -287,8 +287,10 @@ class AnyOrder(RuleBasedStateMachine):
     """Calls, plans and clocks in any order."""
 
     @initialize(acceleration=st.sampled_from([None, 1.0, 2.0]),
-                ends=st.sampled_from([(0.0, 0.0), None]))
-    def begin(self, acceleration, ends):
+                ends=st.sampled_from([(0.0, 0.0), None]),
+                released=st.sampled_from([0, 20, 100, 330]))
+    def begin(self, acceleration, ends, released):
+        """Begin with a plan that has been released for so many ticks, or without one."""
         scenario = Scenario.paper(150.0, slots=50)
         self.plan = replace(fly_hover_fly(with_uavs(
             scenario, max_acceleration=acceleration, start_velocity=ends, goal_velocity=ends)),
@@ -297,6 +299,10 @@ class AnyOrder(RuleBasedStateMachine):
         self.player = self.bench.player
         self.last = None
         self.speed = self.rate = 1.0
+        if released:
+            self.player.load(self.plan)
+            self.player.start()
+            self.tick(0.5, released)
 
     def observe(self, moment, seconds):
         """Compare setpoints with the last ones, a number of seconds before."""
@@ -349,14 +355,17 @@ class AnyOrder(RuleBasedStateMachine):
     @rule()
     def start(self):
         try:
-            self.player.start()
+            self.player.start([None, None], 5.0)
         except OptionError:
             assert self.player.playback is None or self.player.ended
 
-    @rule()
-    def pause(self):
-        self.player.pause()
+    @rule(count=st.integers(0, 40))
+    def pause(self, count):
+        was_playing = self.player.playing and not self.player.ended
+        assert self.player.pause() == was_playing
+        self.tick(0.2, count)
 
+    @precondition(lambda self: self.bench.now % 3 == 0)  # Not as often as the others.
     @rule()
     def reset(self):
         self.player.reset()
