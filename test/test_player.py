@@ -241,19 +241,6 @@ def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
     assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
 
 
-def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
-    bench = start_flight(plan, 25.0)
-    bench.player.pause()
-    bench.run(15.0)
-    next_plan = plan_continuation(bench, plan, 1.0)
-    bench.player.load(next_plan)
-    assert bench.player.playback.plan is next_plan
-    assert not bench.run(5.0).velocities.any()
-    bench.player.start()
-    bench.run(5.0)
-    assert bench.player.flight.time > next_plan.scenario.slot_duration and not bench.refused
-
-
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
     bench = start_flight(plan, 25.0)
     ahead = cut_tail(plan, 20)
@@ -318,10 +305,10 @@ class AnyOrder(RuleBasedStateMachine):
                 if uav.max_acceleration is not None:  # Without a limit, 0 s would allow inf * 0.
                     assert math.dist(moment.velocities[index], self.last.velocities[index]) <= (
                         uav.max_acceleration * scale**2 * self.since + 2e-3)
-        # A lower playback speed is reached by and by.
+        # A lower playback speed is reached by and by; what is not released never goes on.
         flight = self.player.flight
         rate = flight.time_scale
-        assert rate <= max(self.speed, self.rate) + 1e-9
+        assert rate <= max(self.speed * self.player.playing, self.rate) + 1e-9
         # They are on the curve, and a UAV that is held is silent.
         planned = flight.playback.at(flight.time)
         assert (moment.positions == planned.positions).all()
@@ -379,9 +366,12 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(ahead=st.floats(0.0, 5.0))
     def load_a_continuation(self, ahead):
         try:
-            self.player.load(plan_continuation(self.bench, self.plan, ahead))
+            plan = plan_continuation(self.bench, self.plan, ahead)
         except PlanningError:
-            pass  # It is infeasible from there.
+            return  # It is infeasible from there.
+        is_held = self.player.streaming and self.player.flight.state == 'held'
+        is_adopted = self.player.load(plan)
+        assert not is_held or is_adopted and self.player.playback.plan is plan
 
     @precondition(lambda self: self.player.playback is not None)
     @rule(ahead=st.floats(-10.0, 20.0), x=st.floats(100.0, 300.0))
