@@ -76,6 +76,13 @@ def test_a_plan_is_flown_as_a_whole_from_its_time_or_from_a_later_release(plan, 
     assert end.positions == pytest.approx(plan.scenario.goals)
 
 
+def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(plan):
+    bench = start_flight(plan, 30.0)
+    time, bench.now = bench.player.flight.time, BEGIN - 3600 * SECOND
+    bench.run(10.0)
+    assert bench.player.flight.time == pytest.approx(time + 10.0 - STEP)
+
+
 @pytest.mark.parametrize('slots', [200, 20000])
 def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slots, monkeypatch):
     scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0,

@@ -20,6 +20,7 @@ from secure_uav_planner.ros.replay import plan_reader
 from secure_uav_planner.ros.replay.node import Replay
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
+from simulation import SimulatedTime
 from std_msgs.msg import Float64, String
 from test_security import lone_node
 
@@ -240,8 +241,21 @@ def test_paths_without_a_plan_are_told_in_one_line(client):
         assert not answer.success and 'uav1/path is published' in answer.message
 
 
+def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(client, poses, plan, file):
+    replace(plan, start_ns=1000 * 10**9).save(file)
+    with node_here('replay', plan_file=file, use_sim_time='true'), SimulatedTime(
+            client, start=1000.0) as clock:
+        assert client.call('replay/start').success
+        wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
+        before = poses[-1].pose.position.y
+        clock.jump(10.0)
+        wait_for(lambda: poses[-1].pose.position.y < before - 10.0)
+        assert client.call('replay/pause').success
+        # It has begun, although its time is to come once more.
+        assert client.call('replay/start').message.partition(': playing')[1]
+
+
 def test_setpoints_are_timed_by_a_clock_that_nobody_sets_back():
-    """That they go on when the time of a node is set back is told by test_faults.py."""
     with lone_node(Replay) as node:
         assert {timer.clock.clock_type for timer in node.timers} == {ClockType.STEADY_TIME}
 
