@@ -23,7 +23,7 @@ COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo
 COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace alternating bound \
 	channel city_missions clearance derivatives fly_hover_fly fuzz_solve joint kernel load \
 	mission_file plan playback planner relay replay restrictions scenario \
-	worst_case worst_case_objective))
+	worst_case worst_case_objective wrong_values))
 
 .PHONY: demo test test-slow without-ros sanitize fuzz bench bench-users fly numbers soak study docs wheel compat clean
 

@@ -1,4 +1,4 @@
-"""Simulated time for the nodes, faster than real, and what happens in it."""
+"""Simulated time for the nodes, faster than real, what happens in it, and jumps of setpoints."""
 
 import math
 from random import Random
@@ -8,14 +8,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_client import places_of, stamp_at
+from ros_client import places_of, seconds, stamp_at
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import Plan
 from secure_uav_planner.plan.tracking import GAIN
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+SPEED, ACCELERATION = 10.0, 2.0  # Largest ones of setpoints that do not jump [m/s, m/s^2].
+ALLOWANCE, VELOCITY_ALLOWANCE = 0.011, 0.02  # What they may exceed those by [m, m/s].
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -143,6 +146,44 @@ class Receiver:
         for part, variance in zip((message.pose, message.twist), variances):
             part.covariance[0] = part.covariance[7] = variance
         self._publisher.publish(message)
+
+
+class Setpoints:
+    """
+    The setpoints that UAVs get.
+
+    :ivar rows: of each UAV: epoch, time [s], position (x, y, z) [m] and velocity (x, y) [m/s].
+    :ivar epoch: number that a test changes where the stream may begin elsewhere.
+    """
+
+    def __init__(self, client, names):
+        self.epoch, self.rows = 0, {name: [] for name in names}
+        for name in names:
+            client.node.create_subscription(
+                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
+                lambda message, name=name: self._take(name, message), 1000)
+
+    def _take(self, name, message):
+        at, = message.points
+        place, velocity = at.transforms[0].translation, at.velocities[0].linear
+        self.rows[name].append((self.epoch, seconds(message.header.stamp), place.x, place.y,
+                                place.z, velocity.x, velocity.y))
+
+    def have_begun(self):
+        return all(self.rows.values())
+
+    def last_place(self, name):
+        return np.array(self.rows[name][-1][2:4])
+
+
+def explain_jump(before, after, is_smooth=True):
+    """Return how far a setpoint jumps from the one before, in words; empty if it does not."""
+    step = max(0.0, after[1] - before[1])
+    jump = math.dist(before[2:5], after[2:5]) - SPEED * step
+    change = math.dist(before[5:], after[5:]) - ACCELERATION * step
+    jumps = before[0] == after[0] and (
+        jump > ALLOWANCE or is_smooth and change > VELOCITY_ALLOWANCE)
+    return f'at {after[1]:.3f} s: {jump:.3f} m, {change:.3f} m/s' if jumps else ''
 
 
 def received(client):

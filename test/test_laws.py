@@ -1,6 +1,8 @@
 """Whatever can be asked for works together: any mission goes through all that there is."""
 
 from dataclasses import replace
+import json
+import math
 from pathlib import Path
 import re
 import shutil
@@ -10,12 +12,13 @@ from hypothesis import example, given, HealthCheck, settings
 import matplotlib
 import numpy as np
 import pytest
-from secure_uav_planner import assess, Plan, Scenario, solve, upper_bound
+from secure_uav_planner import assess, Bound, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.editing import list_handles, to_mission
 from secure_uav_planner.assessment.world import World
 from secure_uav_planner.bound import explain_refusal
 from secure_uav_planner.errors import InfeasibleMissionError, PlanningError, TimeLimitError
+from secure_uav_planner.model import channel
 from secure_uav_planner.output.page import draw_page
 from secure_uav_planner.output.tables import assessment_table, rate_table, save_csv
 from secure_uav_planner.plan.playback import Playback
@@ -37,8 +40,13 @@ def check_files(folder, scenario):
 
 def check_plan(folder, plan):
     """Assert that a plan survives its file, and its views are made."""
-    plan.save(folder / 'plan.json')
-    assert Plan.load(folder / 'plan.json') == plan
+    file, bound = folder / 'plan.json', Bound(plan.scenario, math.inf, plan.objective)
+    for saved in (plan, replace(plan, start_ns=1795246192039494728).with_bound(bound)):
+        saved.save(file)
+        again, text = Plan.load(file), file.read_text()
+        assert again == saved and hash(again) == hash(saved) and again.energies == saved.energies
+        assert json.loads(text)['worst_case_rate'] == saved.worst_case_rate
+        assert 'Infinity' not in text  # Which is no JSON.
     for text in (plan.message, repr(plan), rate_table([plan]), plan.promise.text):
         assert 'nan' not in text
     save_csv(plan, folder / 'plan.csv')
@@ -99,7 +107,12 @@ def check_playback(plan, rng):
         if 1 <= slot <= scenario.slots:
             assert (moment.shares == plan.shares[:, slot - 1]).all()
             assert (moment.powers == plan.powers[:, slot - 1]).all()
-    eve = scenario.eavesdroppers[0]
+    eve, place = scenario.eavesdroppers[0], rng.uniform(-300, 300, 2)
+    if not scenario.limits_acceleration:
+        rates = channel.secrecy_node_rates(scenario, plan.positions, plan.powers, place)
+        np.testing.assert_allclose(
+            playback.secrecy_rates(plan.times[1:-1], place),
+            (plan.shares * np.maximum(rates, 0)).sum(axis=0), rtol=1e-6, atol=1e-9)
     if scenario.limits_acceleration or eve.error_radius or eve.track or scenario.listeners or len(
             scenario.eavesdroppers) > 1:
         return

@@ -1,5 +1,6 @@
 """Planner and replay agree on the plan that is flown and on its time, over DDS."""
 
+from itertools import pairwise
 import math
 import time
 
@@ -9,68 +10,34 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 from processes import ROOT
 import pytest
-from ros_client import Client, odometry_message, places_of, seconds
+from ros_client import Client, odometry_message, places_of
 from ros_nodes import has_said, node_process, wait_for, wait_for_line
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
+from simulation import ACCELERATION, explain_jump, Setpoints
 from std_msgs.msg import Float64
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-SPEED, ACCELERATION, ALLOWANCE = 10.0, 2.0, 0.011
 PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': ACCELERATION,
               'uav2__max_acceleration': ACCELERATION}
-
-
-class Stream:
-    """Setpoints of both UAVs: time in s, position (3,) and velocity (2,) of each."""
-
-    def __init__(self, client):
-        self.rows = {'uav1': [], 'uav2': []}
-        for name, rows in self.rows.items():
-            client.node.create_subscription(
-                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
-                lambda message, rows=rows: rows.append(self._row(message)), 1000)
-
-    @staticmethod
-    def _row(message):
-        at = message.points[0].transforms[0].translation
-        velocity = message.points[0].velocities[0].linear
-        return (seconds(message.header.stamp), at.x, at.y, at.z, velocity.x, velocity.y)
-
-    def last(self, name):
-        return np.array(self.rows[name][-1][1:3])
-
-    def has_begun(self):
-        return all(self.rows.values())
-
-    def check(self):
-        """Fail if any position or velocity jumps."""
-        for name, rows in self.rows.items():
-            rows = np.array(rows)
-            times, places, velocities = rows[:, 0], rows[:, 1:4], rows[:, 4:]
-            steps = np.diff(times)
-            jumps = np.linalg.norm(np.diff(places, axis=0), axis=1) - SPEED * steps
-            assert jumps.max(initial=0) <= ALLOWANCE, (name, times[jumps.argmax()])
-            changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) - ACCELERATION * steps
-            assert changes.max(initial=0) <= 0.02, (name, times[changes.argmax()])
+UAVS = 'uav1', 'uav2'
 
 
 @pytest.fixture
 def flown(client):
     """Yield a client, a planner and a replay with odometry of its own, and the stream."""
     with node_process('planner', **PARAMETERS), node_process('replay') as replay:
-        client.replay, client.stream = replay, Stream(client)
+        client.replay, client.stream = replay, Setpoints(client, UAVS)
         client.send_paper()
         client.times = client.listen(TimeReference, 'plan_time', 100)
         client.powers = [client.listen(Float64, f'{name}/setpoint/power', 100)
-                         for name in ('uav1', 'uav2')]
+                         for name in UAVS]
         yield client
 
 
 def is_on_its_plan(client):
     distance = client.status.track.distance
     return client.status.level == DiagnosticStatus.OK and all(
-        distance.get(name, math.inf) < 0.5 for name in ('uav1', 'uav2'))
+        distance.get(name, math.inf) < 0.5 for name in UAVS)
 
 
 def plan(client):
@@ -105,11 +72,11 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
     wait_for(lambda: not any(watts[-1].data for watts in flown.powers),
              what='silence, since the receivers move on')
     wait_for(lambda: is_on_its_plan(flown))
-    held = flown.stream.last('uav1')
+    held = flown.stream.last_place('uav1')
     assert 'which is held' in plan(flown)
-    assert np.linalg.norm(flown.stream.last('uav1') - held) < 0.01
+    assert np.linalg.norm(flown.stream.last_place('uav1') - held) < 0.01
     assert flown.call('replay/start').success
-    wait_for(lambda: np.linalg.norm(flown.stream.last('uav1') - held) > 20.0)
+    wait_for(lambda: np.linalg.norm(flown.stream.last_place('uav1') - held) > 20.0)
     wait_for(lambda: flown.powers[0][-1].data > 0, what='the powers of the plan again')
     wait_for(lambda: is_on_its_plan(flown))
     # Another altitude in flight is refused; UAVs without odometry count as on their plan.
@@ -120,7 +87,9 @@ def test_a_flight_released_late_paused_and_planned_again_from_there_is_smooth_an
     assert all(result.successful for result in flown.set_parameters(
         'planner', uav1__altitude=100.0, uav1__use_pose=False, uav2__use_pose=False))
     assert 'it goes on from plan' in plan(flown)
-    flown.stream.check()
+    for name, rows in flown.stream.rows.items():
+        for before, after in pairwise(rows):
+            assert not explain_jump(before, after), name
     # After a reset they wait until they can be back, and the next plan begins there.
     assert flown.call('replay/reset').success
     answer = flown.call('replay/start')
@@ -139,10 +108,10 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
     with Client('/team') as client, node_process(
             'planner', namespace='/team', **PARAMETERS), node_process(
                 'replay', namespace='/team', vehicle_odometry='true') as replay:
-        stream, places = Stream(client), {}
+        stream, places = Setpoints(client, UAVS), {}
         client.send_paper()
         publishers = {name: client.publisher(Odometry, f'{name}/odom')
-                      for name in ('uav1', 'uav2')}
+                      for name in UAVS}
 
         def report(change=lambda message: None):
             for name, z in (('uav1', 100.0), ('uav2', 110.0)):
@@ -174,7 +143,7 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
                 ('odometry of uav1 of now', 499.0, change_day)):
             places |= dict.fromkeys(publishers, (100.0, y))
             wait_for(lambda: has_answer(text, *change), what=text)
-            assert not stream.has_begun()
+            assert not stream.have_begun()
 
         def remove_stamp(message):
             message.header.stamp = Time()
@@ -182,9 +151,9 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
         def is_started():
             report(remove_stamp)
             time.sleep(0.05)
-            return stream.has_begun()
+            return stream.have_begun()
         wait_for(is_started, what='setpoints')
-        assert math.dist(stream.rows['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1
+        assert math.dist(stream.rows['uav1'][0][2:5], (100.0, 500.0, 100.0)) < 0.1
 
         assert client.set_parameters('replay', speed=30.0)[0].successful
         client.node.create_timer(0.1, report)
@@ -199,10 +168,10 @@ def test_real_vehicles_are_waited_for_at_their_start_and_begin_the_next_plan_whe
         count = len(stream.rows['uav1'])
         answer = client.call('replay/start')
         assert answer.success and 'playing' in answer.message or 'begins in' in answer.message
-        wait_for(lambda: stream.last('uav1')[0] > 115.0, what='a setpoint at the vehicle')
-        nearest = min(math.dist(row[1:3], places['uav1']) for row in stream.rows['uav1'][count:])
+        wait_for(lambda: stream.last_place('uav1')[0] > 115.0, what='a setpoint at the vehicle')
+        nearest = min(math.dist(row[2:4], places['uav1']) for row in stream.rows['uav1'][count:])
         assert nearest < 5.0
-        wait_for(lambda: stream.last('uav1')[1] > 499.0, what='the other end')
+        wait_for(lambda: stream.last_place('uav1')[1] > 499.0, what='the other end')
 
 
 def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):

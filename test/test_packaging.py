@@ -15,6 +15,7 @@ from environments import OUTSIDE
 from packaging.requirements import Requirement
 from processes import ROOT
 import pytest
+from secure_uav_planner import __version__
 import yaml
 
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
@@ -90,13 +91,18 @@ def test_package_xml_names_nothing_else():
     assert depends('exec_depend', 'test_depend') - keys <= {'python3-shapely', 'tf2_ros_py'}
 
 
-def test_setup_py_and_package_xml_agree(packaging):
-    assert PACKAGE.find('version').text == packaging['version']
+def test_setup_py_package_xml_citation_and_package_agree(packaging):
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert citation['cff-version'] == '1.2.0' and citation['title'] == packaging['name']
+    assert f'{citation["version"]} ({citation["date-released"]})' in (
+        ROOT / 'CHANGELOG.rst').read_text()
+    assert PACKAGE.find('version').text == packaging['version'] == citation['version']
+    assert __version__ == packaging['version']
     for role in ('maintainer', 'author'):
         assert PACKAGE.find(role).text == packaging[role]
         assert PACKAGE.find(role).get('email') == packaging[f'{role}_email']
-    assert PACKAGE.find('url').text == packaging['url']
-    assert PACKAGE.find('license').text == packaging['license']
+    assert PACKAGE.find('url').text == packaging['url'] == citation['repository-code']
+    assert PACKAGE.find('license').text == packaging['license'] == citation['license']
     assert (ROOT / PACKAGE.find('license').get('file')).exists()
     for requirement in packaging['install_requires']:
         name = re.split('[<>=]', requirement)[0]
@@ -165,16 +171,6 @@ def test_the_changelog_is_what_bloom_reads_and_has_this_version(packaging):
     assert versions[-1] == packaging['version']
     for _, _, (*_, entries) in changelog.foreach_version():
         assert str(entries.bullets[-1]).removeprefix('* ').startswith('Contributors: ')
-
-
-def test_the_citation_names_this_version():
-    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
-    assert citation['cff-version'] == '1.2.0' and citation['title'] == 'secure_uav_planner'
-    assert citation['version'] == PACKAGE.find('version').text
-    assert citation['license'] == PACKAGE.find('license').text
-    assert citation['repository-code'] == PACKAGE.find('url').text
-    assert f'{citation["version"]} ({citation["date-released"]})' in (
-        ROOT / 'CHANGELOG.rst').read_text()
 
 
 def test_on_path_is_one_command_and_the_executables_are_where_ros2_run_looks(packaging):

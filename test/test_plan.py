@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
+    Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
 from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import PLACED, scenarios, with_eavesdroppers, with_uavs
-from test_mission_file import change_values, RICH
+from test_mission_file import change_values
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
 BOUND = {'rate': 9.0, 'objective': 'worst_case', 'ignored': [], 'solve_time': 0.5,
@@ -104,19 +104,6 @@ def test_a_plan_of_rate_0_names_the_ground_nodes_that_nothing_is_carried_to():
     assert plan.rate == 0 < plan.node_rates[0]
     assert ('no slot carries anything in secret to mill; the disc of eavesdropper covers the '
             'ground node mill, where') in plan.message
-
-
-def test_a_plan_with_every_field_survives_its_file(tmp_path):
-    """Plans of any mission do so in test_laws.py."""
-    path, plan = tmp_path / 'plan.json', replace(fly_hover_fly(RICH), start_ns=1795246192039494728)
-    plan = plan.with_bound(Bound(RICH, math.inf, plan.objective))
-    plan.save(path)
-    assert 'Infinity' not in path.read_text()
-    again = Plan.load(path)
-    assert again == plan and hash(again) == hash(plan)
-    assert again.guaranteed_rate == plan.guaranteed_rate
-    assert again.energies == plan.energies
-    assert json.loads(path.read_text())['worst_case_rate'] == plan.worst_case_rate
 
 
 @pytest.mark.parametrize('text', [
@@ -267,16 +254,6 @@ def gap_plan():
     return first, continue_plan(first, 4, solve(near, initial=tail))
 
 
-def test_a_tail_that_begins_in_a_gap_keeps_the_rest_of_the_gap():
-    _, plan = gap_plan()
-    for point in range(1, 8):
-        tail = cut_tail(plan, point)
-        assert tail.gaps == tuple(
-            (max(begin - 10.0 * point, 0.0), end - 10.0 * point)
-            for begin, end in plan.gaps if end > 10.0 * point)
-        assert tail.promised_slots.tolist() == plan.promised_slots[point:].tolist()
-
-
 def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
     """
     Before, slot 4 counted 7.60 bit/s/Hz while the receiver got 8.67 of 10.77.
@@ -326,6 +303,7 @@ def test_a_plan_that_is_cut_and_continued_keeps_its_promise(scenario, data):
         promise_delay=5.0, promise_speed=data.draw(st.floats(0.1, 10)))
     tail = cut_tail(plan, point)
     assert (tail.promised_slots == plan.promised_slots[point:]).all()
+    assert all(begin >= 0 for begin, _ in tail.gaps)
     again = continue_plan(plan, point, tail)
     assert (again.promised_slots == plan.promised_slots).all()
     assert again.promise_delay == pytest.approx(plan.promise_delay)

@@ -3,15 +3,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.model import channel
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios, with_uavs
-
-
-@pytest.fixture
-def plan():
-    return fly_hover_fly(Scenario.paper(102), 'optimised')
 
 
 @given(scenarios(), st.floats(-1, 2))
@@ -27,14 +21,6 @@ def test_positions_are_interpolated_and_powers_held(scenario, share):
     slot = np.floor(np.clip(time, 0, playback.duration) / scenario.slot_duration + 1e-9)
     expected = plan.powers[:, int(slot) - 1] if 1 <= slot <= scenario.slots else 0.0
     assert moment.powers == pytest.approx(np.broadcast_to(expected, len(moment.powers)))
-
-
-def test_at_the_points_the_rate_is_that_of_the_slots(plan):
-    playback = Playback(plan)
-    place = (203.0, 4.0)
-    rates = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, place)
-    played = [playback.secrecy_rate(time, place) for time in plan.times[1:-1]]
-    assert played == pytest.approx(np.maximum(rates, 0))
 
 
 def test_headings_are_held_while_hovering():

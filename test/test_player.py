@@ -76,17 +76,11 @@ def test_a_plan_is_flown_as_a_whole_from_its_time_or_from_a_later_release(plan, 
     assert end.positions == pytest.approx(plan.scenario.goals)
 
 
-def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
+def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(plan):
     bench = start_flight(plan, 30.0)
-    assert bench.player.pause()
-    held = bench.run(15.0)
-    assert not held.velocities.any() and bench.player.flight.time_scale == 0.0
-    # The powers of the plan are for receivers at its time, which has passed.
-    assert not held.powers.any() and Playback(plan).at(bench.player.flight.time).powers.any()
-    assert not bench.player.pause()
-    bench.player.start()
+    time, bench.now = bench.player.flight.time, BEGIN - 3600 * SECOND
     bench.run(10.0)
-    assert bench.player.flight.time_scale == 1.0 and 14.99 < bench.lag < 25.0
+    assert bench.player.flight.time == pytest.approx(time + 10.0 - STEP)
 
 
 @pytest.mark.parametrize('slots', [200, 20000])
@@ -160,16 +154,6 @@ def test_after_its_end_a_flight_holds_nothing_and_a_plan_begins_where_the_uavs_a
     assert bench.player.ended and bench.sent[-1][1].positions[0].tolist() == [100.0, 500.0]
 
 
-def test_a_silent_flight_sends_no_power_and_delivers_nothing(plan):
-    bench = start_flight(plan, 40.0)
-    delivered = bench.player.delivered
-    assert bench.sent[-1][1].powers.any() and plan.powers.any()
-    moment = bench.run(20.0, is_silent=True)
-    assert not moment.powers.any() and bench.player.delivered == delivered
-    assert bench.run(STEP).powers.any() and bench.player.delivered > delivered
-    assert math.dist(moment.positions[0], bench.sent[-1][1].positions[0]) <= 10 * STEP + 1e-6
-
-
 def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
     bench = start_flight(plan, 45.0)
     bench.player.reset()
@@ -217,10 +201,11 @@ def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahe
     if before_pause:
         bench.run(before_pause)
         assert bench.player.pause()
-        assert not bench.run(20.0).velocities.any()
+        assert not bench.run(20.0).velocities.any() and not bench.player.pause()
         bench.player.start()
     bench.run(15.0)
     assert bench.player.playback.plan is next_plan and not bench.refused
+    assert bench.player.flight.time_scale == 1.0
     assert 10.0 < bench.lag < 30.0 if before_pause else bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
@@ -251,19 +236,6 @@ def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
     bench.run(0.6)
     assert not bench.player.load(next_plan)
     assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
-
-
-def test_at_a_hold_a_continuation_is_adopted_and_waits_to_be_released(plan):
-    bench = start_flight(plan, 25.0)
-    bench.player.pause()
-    bench.run(15.0)
-    next_plan = plan_continuation(bench, plan, 1.0)
-    bench.player.load(next_plan)
-    assert bench.player.playback.plan is next_plan
-    assert not bench.run(5.0).velocities.any()
-    bench.player.start()
-    bench.run(5.0)
-    assert bench.player.flight.time > next_plan.scenario.slot_duration and not bench.refused
 
 
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
@@ -299,8 +271,10 @@ class AnyOrder(RuleBasedStateMachine):
     """Calls, plans and clocks in any order."""
 
     @initialize(acceleration=st.sampled_from([None, 1.0, 2.0]),
-                ends=st.sampled_from([(0.0, 0.0), None]))
-    def begin(self, acceleration, ends):
+                ends=st.sampled_from([(0.0, 0.0), None]),
+                released=st.sampled_from([0, 20, 100, 330]))
+    def begin(self, acceleration, ends, released):
+        """Begin with a plan that has been released for so many ticks, or without one."""
         scenario = Scenario.paper(150.0, slots=50)
         self.plan = replace(fly_hover_fly(with_uavs(
             scenario, max_acceleration=acceleration, start_velocity=ends, goal_velocity=ends)),
@@ -309,8 +283,12 @@ class AnyOrder(RuleBasedStateMachine):
         self.player = self.bench.player
         self.last = None
         self.speed = self.rate = 1.0
+        if released:
+            self.player.load(self.plan)
+            self.player.start()
+            self.tick(0.5, released)
 
-    def observe(self, moment, seconds):
+    def observe(self, moment, seconds, is_silent=False):
         """Compare setpoints with the last ones, a number of seconds before."""
         if self.last is not None:
             self.since += seconds
@@ -324,25 +302,31 @@ class AnyOrder(RuleBasedStateMachine):
                 if uav.max_acceleration is not None:  # Without a limit, 0 s would allow inf * 0.
                     assert math.dist(moment.velocities[index], self.last.velocities[index]) <= (
                         uav.max_acceleration * scale**2 * self.since + 2e-3)
-        # A lower playback speed is reached by and by.
+        # A lower playback speed is reached by and by; what is not released never goes on.
         flight = self.player.flight
         rate = flight.time_scale
-        assert rate <= max(self.speed, self.rate) + 1e-9
-        # They are on the curve, and a UAV that is held is silent.
+        assert rate <= max(self.speed * self.player.playing, self.rate) + 1e-9
+        # They are on the curve, and a UAV that is held is silent, too.
         planned = flight.playback.at(flight.time)
         assert (moment.positions == planned.positions).all()
         assert (moment.velocities == rate * planned.velocities).all()
-        assert (moment.powers == (planned.powers if rate else 0.0)).all()
+        assert (moment.powers == (planned.powers if rate and not is_silent else 0.0)).all()
         self.last, self.since, self.rate = moment, 0.0, rate
         self.fastest = max(self.speed, rate)
 
-    @rule(seconds=st.sampled_from([0.0, 0.02, 0.05, 0.2, 1.0]), count=st.integers(1, 60))
-    def tick(self, seconds, count):
+    @rule(seconds=st.sampled_from([0.0, 0.02, 0.05, 0.2, 1.0]), count=st.integers(1, 60),
+          is_silent=st.booleans())
+    def tick(self, seconds, count, is_silent=False):
         for _ in range(count):
             self.bench.now += round(seconds * SECOND)
+            playback, delivered = self.player.playback, self.player.delivered
             ready = not self.player.playing or self.player.playback is None or (
                 not self.player.unmet_conditions([None, None], 5.0, self.speed))
-            self.observe(self.player.tick(self.bench.now, self.speed, is_ready=ready), seconds)
+            self.observe(self.player.tick(
+                self.bench.now, self.speed, is_ready=ready, is_silent=is_silent), seconds,
+                is_silent)
+            if is_silent and self.player.playback is playback:
+                assert self.player.delivered == delivered
 
     @rule(seconds=st.floats(-100.0, 100.0))
     def jump(self, seconds):
@@ -361,14 +345,17 @@ class AnyOrder(RuleBasedStateMachine):
     @rule()
     def start(self):
         try:
-            self.player.start()
+            self.player.start([None, None], 5.0)
         except OptionError:
             assert self.player.playback is None or self.player.ended
 
-    @rule()
-    def pause(self):
-        self.player.pause()
+    @rule(count=st.integers(0, 40))
+    def pause(self, count):
+        was_playing = self.player.playing and not self.player.ended
+        assert self.player.pause() == was_playing
+        self.tick(0.2, count)
 
+    @precondition(lambda self: self.bench.now % 3 == 0)  # Not as often as the others.
     @rule()
     def reset(self):
         self.player.reset()
@@ -382,9 +369,12 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(ahead=st.floats(0.0, 5.0))
     def load_a_continuation(self, ahead):
         try:
-            self.player.load(plan_continuation(self.bench, self.plan, ahead))
+            plan = plan_continuation(self.bench, self.plan, ahead)
         except PlanningError:
-            pass  # It is infeasible from there.
+            return  # It is infeasible from there.
+        is_held = self.player.streaming and self.player.flight.state == 'held'
+        is_adopted = self.player.load(plan)
+        assert not is_held or is_adopted and self.player.playback.plan is plan
 
     @precondition(lambda self: self.player.playback is not None)
     @rule(ahead=st.floats(-10.0, 20.0), x=st.floats(100.0, 300.0))

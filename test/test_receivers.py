@@ -1,44 +1,22 @@
-"""Eavesdroppers whose receivers are better or worse than the ground node's, and link budgets."""
+"""
+Eavesdroppers whose receivers are better or worse than the ground node's, and link budgets.
 
-from dataclasses import replace
+That rates count it is told by test_channel.py and test_worst_case.py, which draw it.
+"""
+
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
-import numpy as np
 import pytest
 from secure_uav_planner import reference_snr_db, Scenario, solve, upper_bound
-from secure_uav_planner.model import channel
-from strategies import random_flight, scenarios
-
-
-def with_advantages(scenario, *advantages):
-    """Return a scenario whose eavesdroppers have receivers with such advantages in dB."""
-    eves = [replace(scenario.eavesdroppers[0], receiver_advantage_db=advantage, name=f'e{number}')
-            for number, advantage in enumerate(advantages)]
-    return replace(scenario, eavesdroppers=tuple(eves))
-
-
-@given(scenarios(max_eavesdroppers=1), st.floats(-30.0, 30.0), st.integers(0, 2**32 - 1))
-def test_an_advantage_is_that_much_more_snr_at_the_eavesdropper_alone(scenario, advantage, seed):
-    positions, powers = random_flight(scenario, np.random.default_rng(seed))
-    with_it, without = with_advantages(scenario, advantage), with_advantages(scenario, 0.0)
-    stronger = replace(without, reference_snr_db=scenario.reference_snr_db + advantage)
-    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
-        leak = channel.ground_rates(with_it, positions, powers) - rates(
-            with_it, positions, powers)
-        expected = channel.ground_rates(stronger, positions, powers) - rates(
-            stronger, positions, powers)
-        assert leak == pytest.approx(expected, abs=2e-6)
-    assert (channel.ground_rates(with_it, positions, powers)
-            == channel.ground_rates(without, positions, powers)).all()
+from strategies import with_eavesdroppers
 
 
 @pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
 def test_the_bound_depends_on_the_receiver_and_is_near_the_plan(objective):
     rates = []
     for advantage in (-10.0, 0.0, 10.0):
-        scenario = with_advantages(Scenario.paper(104.0, slots=8), advantage)
+        scenario = with_eavesdroppers(
+            Scenario.paper(104.0, slots=8), receiver_advantage_db=advantage)
         plan = solve(scenario, objective=objective)
         bound = upper_bound(scenario, objective=objective, plan=plan)
         assert bound.rate >= getattr(plan, f'{objective}_rate') and bound.gap(plan) < 0.1
@@ -50,7 +28,8 @@ def test_pictures_name_the_advantage(tmp_path):
     from secure_uav_planner.output.page import save_page
     from secure_uav_planner.output.picture import draw_plan
     for advantage, shown in ((6.0, True), (0.0, False)):
-        plan = solve(with_advantages(Scenario.paper(120.0, slots=10), advantage))
+        plan = solve(with_eavesdroppers(
+            Scenario.paper(120.0, slots=10), receiver_advantage_db=advantage))
         texts = [text.get_text() for text in draw_plan(plan).axes[0].texts]
         assert ('+6 dB' in texts) == shown
         save_page(plan, tmp_path / 'plan.html')

@@ -16,12 +16,10 @@ from ros_client import numbers, pose_message, values_of
 from ros_nodes import has_said, node_here, node_process, refusal, wait_for, wait_for_line
 from secure_uav_planner.output.autopilots import STACKS, TRIED_VERSIONS
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.relay.node import Relay
 from secure_uav_planner.ros.topics import TOPICS
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 from test_messages import sent
-from test_security import allowed, lone_node, QUERIES
 
 
 @pytest.mark.parametrize('stack', STACKS)
@@ -324,11 +322,3 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(pac
     with node_here('relay', stack='mavros') as process:
         Target(client, 'relay', process, topics).check_abnormal(
             ['enable', SetBool, SetBool.Request(data=True)])
-
-
-def test_the_policy_allows_what_the_relay_uses_and_nothing_else(packages):
-    """The other nodes are in test_security.py; this one needs a stack's messages."""
-    with lone_node(Relay, 'use_sim_time:=true') as node:
-        for key, query in QUERIES.items():
-            names = {name for name, _ in getattr(node, query)(node.get_name(), '/')}
-            assert {*allowed('relay')[key]} == names, key

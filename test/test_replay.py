@@ -11,8 +11,6 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from rclpy.clock import ClockType
-from rclpy.duration import Duration
-from rclpy.node import Node
 from ros_nodes import has_said, node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.plan.file import parse_text
@@ -22,7 +20,9 @@ from secure_uav_planner.ros.replay import plan_reader
 from secure_uav_planner.ros.replay.node import Replay
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
+from simulation import SimulatedTime
 from std_msgs.msg import Float64, String
+from test_security import lone_node
 
 
 @pytest.fixture(scope='module')
@@ -241,37 +241,23 @@ def test_paths_without_a_plan_are_told_in_one_line(client):
         assert not answer.success and 'uav1/path is published' in answer.message
 
 
-def test_setpoints_go_on_when_the_clock_is_set_back(client, poses, plan, file, monkeypatch):
-    timers, behind, create_timer = [], [0.0], Node.create_timer
-
-    class SetBack:
-        """The clock of a node, which is set back."""
-
-        def __init__(self, node):
-            self._clock = Node.get_clock(node)
-            self.handle, self.ros_time_is_active = self._clock.handle, False
-
-        def now(self):
-            return self._clock.now() - Duration(seconds=behind[0])
-
-    def note_timer(*arguments, **options):
-        timers.append(create_timer(*arguments, **options))
-        return timers[-1]
-
-    monkeypatch.setattr(Replay, 'get_clock', lambda node: SetBack(node))
-    monkeypatch.setattr(Replay, 'create_timer', note_timer)
-    replace(plan, start_ns=begins_at(0.0)).save(file)
-    with node_here('replay', plan_file=file):
+def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(client, poses, plan, file):
+    replace(plan, start_ns=1000 * 10**9).save(file)
+    with node_here('replay', plan_file=file, use_sim_time='true'), SimulatedTime(
+            client, start=1000.0) as clock:
         assert client.call('replay/start').success
         wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
-        before, behind[0] = poses[-1], 3600.0
-        wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
-        wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
+        before = poses[-1].pose.position.y
+        clock.jump(10.0)
+        wait_for(lambda: poses[-1].pose.position.y < before - 10.0)
         assert client.call('replay/pause').success
         # It has begun, although its time is to come once more.
         assert client.call('replay/start').message.partition(': playing')[1]
-        # What calls it is not set back.
-        assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
+
+
+def test_setpoints_are_timed_by_a_clock_that_nobody_sets_back():
+    with lone_node(Replay) as node:
+        assert {timer.clock.clock_type for timer in node.timers} == {ClockType.STEADY_TIME}
 
 
 def test_a_message_that_is_no_plan_is_told_once_and_leaves_the_last_plan(client, plan):

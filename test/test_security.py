@@ -13,6 +13,7 @@ from rclpy.context import Context
 from ros_client import Client
 from ros_nodes import has_said, node_process, output_of, wait_for, wait_for_line
 from secure_uav_planner.ros.planner.node import Planner
+from secure_uav_planner.ros.relay.node import Relay
 from secure_uav_planner.ros.replay.node import Replay
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
@@ -61,9 +62,11 @@ def lone_node(kind, *parameters, namespace='/'):
 
 
 @pytest.mark.parametrize('kind, settings', [
-    (Planner, [()]), (Replay, [(), ('vehicle_odometry:=true',)])])
+    (Planner, [()]), (Replay, [(), ('vehicle_odometry:=true',)]), (Relay, [()])])
 def test_the_policy_allows_what_a_node_uses_in_all_of_its_settings_and_nothing_else(
-        kind, settings):
+        kind, settings, request):
+    if kind is Relay:
+        request.getfixturevalue('packages')  # The relay starts only with messages of a stack.
     found = {key: set() for key in QUERIES}
     for parameters in settings:
         with lone_node(kind, 'use_sim_time:=true', *parameters) as node:

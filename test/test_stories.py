@@ -26,11 +26,8 @@ from rosgraph_msgs.msg import Clock
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
-from simulation import Receiver
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from simulation import ACCELERATION, ALLOWANCE, explain_jump, Receiver, Setpoints, SPEED
 
-SPEED, ACCELERATION = 10.0, 2.0  # m/s, m/s^2
-ALLOWANCE, VELOCITY_ALLOWANCE = 0.011, 0.02  # m, m/s
 ACTIONS = 12  # In a story.
 LAG = 0.4  # s, of the vehicles
 TIMEOUT, MAX_JUMP, START_TOLERANCE = 1.0, 1.0, 5.0  # The relay's defaults, in s and m.
@@ -47,8 +44,9 @@ class Story:
         self._client, self._stack, self._rng = client, stack, rng
         self.smooth, self.vehicles, self.simulated = (rng.random() < p for p in (0.7, 0.6, 0.3))
         self.names = [f'uav{number + 1}' for number in range(rng.choice([2, 2, 3]))]
-        self.now, self._rate, self._epoch, self._relayed_epoch = 1000.0, 1.0, 0, 0
-        self.rows = {name: [] for name in self.names}  # Epoch, time and setpoint.
+        self.now, self._rate, self._relayed_epoch = 1000.0, 1.0, 0
+        self._setpoints = Setpoints(client, self.names)
+        self.rows = self._setpoints.rows
         # As well, with the time since which it stands, its arrival, and how far the vehicle is.
         self.relayed = {name: [] for name in self.names}
         self._checked, self._backs, self._calls = Counter(), Counter(), []
@@ -56,9 +54,6 @@ class Story:
         self.sources = client.listen(TimeReference, 'plan_time', 100)
         self._statuses = client.statuses
         for name in self.names:
-            client.node.create_subscription(
-                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
-                lambda message, name=name: self._take(name, message), 1000)
             client.node.create_subscription(
                 target, f'{name}/mavros/setpoint_raw/local',
                 lambda message, name=name: self._take_relayed(name, message), 1000)
@@ -90,12 +85,6 @@ class Story:
             **(ZONE if self._rng.random() < 0.5 else {}), **accelerations}}[name]
         self.nodes[name] = self._stack.enter_context(node_process(name, **shared, **own))
         wait_for_line(self.nodes[name], 'ready')
-
-    def _take(self, name, message):
-        at, = message.points
-        place, velocity = at.transforms[0].translation, at.velocities[0].linear
-        self.rows[name].append((self._epoch, seconds(message.header.stamp), place.x, place.y,
-                                place.z, velocity.x, velocity.y))
 
     def _take_relayed(self, name, message):
         at, velocity, acceleration = (
@@ -174,11 +163,11 @@ class Story:
         self.call('replay/start')
 
     def reset(self):
-        self._epoch += 1
+        self._setpoints.epoch += 1
         answer = self.call('replay/reset')
         wait_for(answer.done)
         time.sleep(0.3)
-        self._epoch += 1
+        self._setpoints.epoch += 1
 
     def parameter(self):
         self._client.set_parameters('planner', duration=self._rng.choice([130.0, 150.0]),
@@ -208,7 +197,7 @@ class Story:
         if name == 'relay':
             self._relayed_epoch += 1
         else:
-            self._epoch += 1
+            self._setpoints.epoch += 1
         self.start_node(name)
 
     def clock(self):
@@ -280,12 +269,9 @@ class Story:
         yield from zip(items[first:count], items[first + 1:count])
 
     def _jumps(self, name, before, after):
-        step = max(0.0, after[1] - before[1])
-        jump = math.dist(before[2:5], after[2:5]) - SPEED * step
-        change = math.dist(before[5:], after[5:]) - ACCELERATION * step
-        if before[0] == after[0] and (
-                jump > ALLOWANCE or self.smooth and change > VELOCITY_ALLOWANCE):
-            yield f'{name} at {after[1]:.3f} s: {jump:.3f} m, {change:.3f} m/s'
+        jump = explain_jump(before, after, self.smooth)
+        if jump:
+            yield f'{name} {jump}'
 
     def _guards(self, name, before, after):
         """Yield why the relay had to refuse a setpoint that it has passed on."""

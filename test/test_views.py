@@ -8,7 +8,7 @@ from processes import run_python
 import pytest
 from scipy.io import loadmat
 from secure_uav_planner import (
-    __version__, Bound, Eavesdropper, fly_hover_fly, GroundNode, Scenario, solve, upper_bound)
+    Bound, Eavesdropper, fly_hover_fly, GroundNode, Scenario, solve, upper_bound)
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.output.tables import COLUMNS
 from secure_uav_planner.plan.playback import Playback
@@ -104,10 +104,6 @@ def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
         # A UAV with a limit of acceleration leaves half a slot before point 0.
         half = 0.5 if scenario.uavs[0].max_acceleration else 1.0
         assert steps.iloc[0] == steps.iloc[-1] == pytest.approx(half * scenario.slot_duration)
-
-
-def test_the_version_is_that_of_the_installed_package(packaging):
-    assert __version__ == packaging['version']
 
 
 def test_a_repr_is_short_and_has_the_rate_that_was_maximised():

@@ -183,7 +183,8 @@ OPTIONS = [
     (partial(assess, PLAN), {'flown': [[['x']]]}, 'flown', 'of the shape (2, 10, 2)'),
     (partial(assess, PLAN), {'flown': np.ma.masked_less(np.zeros((2, 10, 2)), 1.0)}, 'flown',
      'an array of numbers'),
-    (partial(assess, PLAN), {'flown': np.zeros((2, 9, 2))}, 'flown', 'of the shape (2, 10, 2)'),
+    *((partial(assess, PLAN), {'flown': np.zeros(shape)}, 'flown', 'of the shape (2, 10, 2)')
+      for shape in ((2, 9, 2), (2, 10))),
     (partial(assess, PLAN), {'flown': np.full((2, 10, 2), np.nan)}, 'flown', 'finite positions'),
     (partial(assess, PLAN), {'world': World('fixed', positions=((0, 0), (1, 1)))}, '',
      'positions has 2 places; it must have one for each of the 1 eavesdroppers'),
@@ -191,13 +192,17 @@ OPTIONS = [
      'tracking_std', 'tracking_std is 1 m'),
     (partial(cut_tail, PLAN), {'point': 10}, 'point', 'is 10; it must be'),
     (Propulsion().power, {'speeds': [1.0, -2.0]}, 'speeds', 'of at least 0 m/s'),
+    *((Propulsion().power, {'speeds': speeds}, 'speeds', 'array of numbers') for speeds in (
+        'x', None, [[1], [1, 2]], [10**400], ['1', '2'], [True, False],
+        np.ma.masked_array([1.0, 2.0], [True, False]))),
     (LINK, {'carrier_hz': 2.4}, 'carrier_hz', 'from 1e+06 to 1e+12 Hz'),
     (LINK, {'bandwidth_hz': '1 MHz'}, 'bandwidth_hz', 'in Hz, without its unit'),
     (ZURICH.to_local, {'latitude': 8.5, 'longitude': 47.4}, '', 'must be at most 100 km'),
     (ZURICH.to_local, {'latitude': [47.0, math.nan], 'longitude': 8.0}, '', 'from -90 to 90 and'),
     (ZURICH.to_geographic, {'east': [0, 2e5], 'north': 0}, '', 'must be at most 100 km'),
     *((partial(call, PAPER), {'time_limit': limit}, 'time_limit', 'must be a number above 0 s')
-      for call in (solve, upper_bound) for limit in (0, '10')),
+      for call in (solve, upper_bound)
+      for limit in (0, -1.0, math.nan, -math.inf, True, '10')),
     *((partial(solve, replace(PAPER, **change)), {'method': 'alternating'}, field, "use 'joint'")
       for field, change in (
         ('no_fly_zones', {'no_fly_zones': (NoFlyZone(((800, 0), (810, 0), (810, 10))),)}),
@@ -286,7 +291,9 @@ NUMBERS = [(whole, field) for whole in (
 def test_each_number_is_refused_beyond_its_range_and_as_text(whole, field):
     allowed = field.metadata['check']
     above = math.nextafter(allowed.high, math.inf)
-    for value in (math.nextafter(allowed.low, -math.inf), above, math.nan, math.inf, True, 'much'):
+    for value in (math.nextafter(allowed.low, -math.inf), above, math.nan, math.inf, 10**400,
+                  True, np.True_, 'much', '2', b'2', 2j, np.complex64(2), [2.0], np.array([2.0]),
+                  np.timedelta64(2, 's')):
         with pytest.raises(PlanningError, match=rf'\b{field.name} is .*; it must be a .*number'
                            ) as error:
             replace(whole, **{field.name: value})
