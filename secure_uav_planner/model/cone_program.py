@@ -134,15 +134,18 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     straight = read_only(vehicle.fly_straight(slots, step))
     if vehicle.is_straight:
         return vehicle.straight_utilisation(slots, step), straight
+    # The unknowns are r, then the velocities in units of the top speed.
     moves, top, gain = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
     displacement = np.array(vehicle.displacement)
     begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
                   for velocity in (vehicle.start_velocity, vehicle.goal_velocity))
+    # The velocities with the given ones beyond both ends: zeros stand for the unknowns.
     ends = np.concatenate([begin, np.zeros((moves, 2)), end])
     change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(ends) - 1, len(ends)))
     vectors = scipy.sparse.vstack([
         scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(ends), moves, k=-len(begin))])
     constants = np.concatenate([np.zeros((moves, 2)), np.diff(ends / top, axis=0)])
+    # Each cone is |vector| <= limit r: the velocities, then their changes.
     limits = np.zeros((len(constants), 3))
     limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, gain / top)
     unit = max(1.0, math.hypot(*vehicle.displacement))

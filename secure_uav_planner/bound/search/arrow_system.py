@@ -150,7 +150,8 @@ class ArrowSystem:
         :param damping: fraction by which the diagonal is raised.
         """
         own, mixed = self.layout.prices, border[:, :-1]
-        complement = np.diag(self.price_curvature) + groups[:, own, own].sum(0) - mixed.T @ answer[:, :-1]
+        complement = np.diag(self.price_curvature) + groups[:, own, own].sum(0) - (
+            mixed.T @ answer[:, :-1])
         complement += damping * np.diag(np.abs(np.diag(complement)))
         gradient = self.price_gradient + self.group_gradient[:, own].sum(0)
         return np.asarray(-np.linalg.solve(complement, gradient - mixed.T @ answer[:, -1]))

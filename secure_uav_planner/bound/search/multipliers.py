@@ -196,8 +196,8 @@ class MultiplierSearch:
                            PRICING_BUDGET, points)
         is_better = np.isfinite(points[:, :1])
         place = np.where(is_better, points[:, :2], region.bounding_box[0][group])
-        power = np.where(is_better, np.exp(points[:, 2:]), 0.0) if uav else np.zeros((len(cell), 1))
-        columns = Columns.of(region, place[:, None], power)
+        power = np.where(is_better, np.exp(points[:, 2:]), 0.0)
+        columns = Columns.of(region, place[:, None], power if uav else np.zeros_like(power))
         return replace(columns, ground=np.where(is_better, columns.ground, -WORTHLESS))
 
     def _ask_to_go_on(self) -> bool:
@@ -306,8 +306,8 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
     w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
     The sum is divided among places by their SINR: between listeners in proportion, among the
-    places of one listener by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds of missions with several
-    eavesdroppers are up to 2.8% above the plan instead of 0.1%.
+    places of one listener by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
+    of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
     :param watts: powers of the UAVs, (U, G), above 0 for the transmitter.
