@@ -181,7 +181,7 @@ def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted:
     :param root: node of the text's whole document.
     :param wanted: plain values of the whole mission after all changes.
     """
-    # The nodes along the path, as far as the text has them.
+    # The nodes along the path, until the text lacks one.
     nodes = [root]
     for key in path:
         child = _find_child(nodes[-1], key)

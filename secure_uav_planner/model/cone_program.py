@@ -139,7 +139,7 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     displacement = np.array(vehicle.displacement)
     begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
                   for velocity in (vehicle.start_velocity, vehicle.goal_velocity))
-    # The velocities with the given ones beyond both ends: zeros stand for the unknowns.
+    # The given velocities beyond both ends, with zeros in place of the unknown velocities.
     ends = np.concatenate([begin, np.zeros((moves, 2)), end])
     change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(ends) - 1, len(ends)))
     vectors = scipy.sparse.vstack([

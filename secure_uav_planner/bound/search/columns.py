@@ -142,7 +142,7 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     even = np.linspace(0, 1, along)
     fraction = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
     x = low[:, :1] + (high - low)[:, :1] * fraction
-    # At x the discs about start and goal leave |y| <= half, (G, along).
+    # |y| <= half, (G, along), in the discs about start and goal at x.
     near, far = region.from_start[:, None], region.to_goal[:, None]
     half = np.sqrt(np.maximum(np.minimum(
         (near - x) * (near + x), far**2 - (x - region.distance)**2), 0.0))
@@ -254,7 +254,7 @@ class ColumnPool:
     def _add_improved(self, pool: Columns, value: Array,
                       evaluate: Callable[[Columns], Array]) -> None:
         """
-        Improve the FRESH best columns at distinct places; keep the latest OLD + FRESH of them.
+        Improve the FRESH best columns at distinct places; keep OLD + FRESH improved columns.
 
         :param pool: the table's columns, then others.
         :param value: values of the pool's columns, (G, C) in nats.

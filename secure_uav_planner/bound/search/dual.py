@@ -69,7 +69,7 @@ class EdgeTerms:
         vector = np.sum([self._x[:, uav, part] for part in parts], 0)
         delta = self._tau / step
         norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
-        # With r the smoothed length, its slope is x / r and its Hessian (I - x x' / r^2) / r.
+        # The smoothed length r has the slope x / r and the Hessian (I - x x' / r^2) / r.
         share = factor / norm
         slope = _scale(share, vector)
         second = _scale(share, np.eye(2) - _square(vector) / (norm * norm)[:, None, None])
@@ -251,7 +251,7 @@ class Dual:
         """
         Return H(w0) - H(v) + max over p of (w0 - s) log p - lam p, (G,) in nats; lemmas 1 and 3.
 
-        :param v: v of a cell, (G, E); s is its sum.
+        :param v: v of a cell, (G, E), with the sum s.
         :param price: lam of the transmitter.
         """
         best, _ = maximise_power(self.weight - v.sum(-1), price, self.team.regions[0].peak)

@@ -141,11 +141,13 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     """
     old_grounds, old_centres, old_radii = before.receivers_at([time])
     grounds, centres, radii = now.receivers_at([time])
+    distance = distance or math.inf  # A distance of 0 allows any move.
+    if (np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any():
+        return True
+    # For each eavesdropper:
     moving = np.array([eve.track is not None for eve in now.eavesdroppers])
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
-    grown = (radii - old_radii)[:, 0]
+    growth = (radii - old_radii)[:, 0]
     has_left_disc = moving & (moves > old_radii[:, 0])
-    distance = distance or math.inf  # A distance of 0 allows any move.
-    return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
-        has_left_disc | (moves > distance)
-        | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
+    has_other_radius = np.where(moving, growth, np.abs(growth)) > 0.1 * distance
+    return bool((has_left_disc | has_other_radius | (moves > distance)).any())

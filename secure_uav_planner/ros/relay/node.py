@@ -100,14 +100,7 @@ class Relay(WorkingNode):
                   uavs)
         vehicles = dict(zip(uavs, self._settings.vehicles or uavs, strict=True))
         for name, vehicle in vehicles.items():
-            self._outputs[name] = {kind: self.create_publisher(
-                self._kinds[kind], f'{vehicle}/{topic}', STREAM,
-                qos_overriding_options=OVERRIDABLE)
-                for kind, topic in self._stack.topics.items()}
-            for kind, topic in self._stack.states.items():
-                self.create_subscription(
-                    self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
-                    SENSOR, qos_overriding_options=OVERRIDABLE)
+            self._connect_vehicle(name, vehicle)
         self._frames = LocalFrames(
             self, lambda: self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
@@ -122,6 +115,16 @@ class Relay(WorkingNode):
                 'start_tolerance is 0: the first setpoint is relayed wherever the vehicle is')
         self.get_logger().info(brief(
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings.stack}'))
+
+    def _connect_vehicle(self, name: str, vehicle: str) -> None:
+        """Publish to the topics of a UAV's autopilot, below `vehicle`, and subscribe its state."""
+        self._outputs[name] = {kind: self.create_publisher(
+            self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
+            for kind, topic in self._stack.topics.items()}
+        for kind, topic in self._stack.states.items():
+            self.create_subscription(
+                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
+                SENSOR, qos_overriding_options=OVERRIDABLE)
 
     @property
     def _settings(self) -> RelaySettings:
@@ -224,7 +227,12 @@ class Relay(WorkingNode):
             self._outputs[name][kind].publish(fill_message(self._kinds[kind](), values))
 
     def _on_state(self, name: str, kind: str, message: Any) -> None:
-        """Use the state of a vehicle whenever the first kind of its messages comes."""
+        """
+        Keep a message of a vehicle's state; use the state and publish it as odometry.
+
+        A state consists of messages of several kinds. It is used whenever the first kind comes,
+        with the last message of each other kind.
+        """
         states = self._states[name]
         states[kind] = message
         kinds = list(self._stack.states)
