@@ -171,12 +171,12 @@ def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
         for quantile in (_QUANTILES[0], _QUANTILES[-1]):
             axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)
         for x, median in band[0.5].items():
-            style = {'color': color, 'markersize': 5, 'clip_on': False}
+            style = {'color': color, 'markersize': 5, 'clip_on': False, 'markerfacecolor': (
+                color if flown[x] == asked[x] else 'white')}
             if not flown[x]:  # A cross at 0.02 of the height of the axes.
                 axes.plot(x, 0.02, _EMPTY_POINT, transform=axes.get_xaxis_transform(), **style)
                 continue
-            axes.plot(x, median, 'o', markerfacecolor=(
-                color if flown[x] == asked[x] else 'white'), **style)
+            axes.plot(x, median, 'o', **style)
             if flown[x] < asked[x]:
                 axes.annotate(f'n = {flown[x]}', (x, median), (5, -9), color=color,
                               textcoords='offset points', fontsize=7.5)

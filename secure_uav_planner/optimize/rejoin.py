@@ -140,11 +140,13 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                                      f'{scenario.duration:g} s that are left')
     powers = plan.powers[:, :point].copy()
     if point > first:
+        # On the new paths, slots with a rate that is not positive are silent.
         times: Array = np.arange(first + 1.0, point + 1) * step
         powers[:, first:], rates = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
             plan.objective, times)
         if len(rates) > 1:
+            # What each ground node has got by then counts in the rest of the mission.
             delivered = plan.node_shares[:, :first].sum(axis=1) + (
                 plan.shares[:, first:point] * rates).sum(axis=1)
             scenario = replace(scenario, head_starts=find_head_starts(

@@ -200,16 +200,16 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     measured = {uav.name: measure_errors(flight, index)
                 for index, uav in enumerate(plan.scenario.uavs)}
     covered = _find_covered(flight)
+    # Rates of each ground node times its shares, (G, N) in bit/s/Hz, by objective.
     achieved, planned = ({kind: np.full(plan.shares.shape, np.nan) for kind in OBJECTIVES}
                          for _ in range(2))
     promised = np.zeros(plan.scenario.slots, bool)
+    # A leg is a plan with the slots in which it was in force.
     for leg, slots in flight.course.split_slots():
-        promised[slots] = leg.promised_slots[slots]
-        for kind, find_rates in NODE_RATES.items():
-            for rates, chosen, state_at in (
-                    (planned, slots, _plan_state(leg, slots)),
-                    (achieved, slots[covered[slots]],
-                     _fly_state(flight, leg, slots[covered[slots]]))):
+        promised[slots], flown = leg.promised_slots[slots], slots[covered[slots]]
+        for rates, chosen, state_at in ((planned, slots, _plan_state(leg, slots)),
+                                        (achieved, flown, _fly_state(flight, leg, flown))):
+            for kind, find_rates in NODE_RATES.items():
                 means = mean_node_rates(leg.scenario, find_rates, state_at, chosen)
                 rates[kind][:, chosen] = leg.shares[:, chosen] * np.maximum(means, 0.0)
     return Comparison(

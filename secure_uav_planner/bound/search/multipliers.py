@@ -328,13 +328,23 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
     slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
     total = np.clip(np.minimum(leak, weight - slack), LEAST_LEAK, weight * (1 - 1e-7))
+    share = _find_place_shares(team, ze, largest)
+    return weight, (total / share.sum(-1))[:, None] * share, prices
+
+
+def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
+    """
+    Return a weight of each place, (G, E), larger for louder places and at least LEAST_SHARE.
+
+    :param ze: log SINR at the places, (G, E).
+    :param largest: largest log SINR of each listener, (G, number of listeners).
+    """
     share = np.empty_like(ze)
     for index, loudest in zip(team.listeners, largest.T):
         in_listener = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
         of_listener = np.exp(loudest - largest.max(-1))[:, None]
         share[:, index] = in_listener / in_listener.sum(-1, keepdims=True) * of_listener
-    share = share / share.sum(-1, keepdims=True) + LEAST_SHARE
-    return weight, (total / share.sum(-1))[:, None] * share, prices
+    return share / share.sum(-1, keepdims=True) + LEAST_SHARE
 
 
 def build_multipliers(search: MultiplierSearch) -> Multipliers:
