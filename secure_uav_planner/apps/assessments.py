@@ -38,7 +38,7 @@ def assess_plan(options: argparse.Namespace) -> int | None:
 
 def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
     """Return the World of the options, with the plan's channel unless options change it."""
-    # The options that are fields of World, and those that are fields of Channel.
+    # Options that are fields of World, and options that are fields of Channel.
     values, changes = ({
         field.name: value for field in fields(kind)
         if (value := getattr(options, field.name, None)) is not None} for kind in (World, Channel))

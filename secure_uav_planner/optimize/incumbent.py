@@ -92,7 +92,8 @@ class Incumbent:
         return gain
 
     def raise_if_over(self) -> None:
-        """Call Deadline.raise_if_over, with time left for a last proposal to each incumbent."""
+        """Raise the deadline's error if no time is left to try an iterate in each incumbent."""
+        # Each enclosing incumbent tries the result, too; a trial takes up to _longest s.
         reserve, parent = self._longest, self._parent
         while parent is not None:
             reserve, parent = reserve + parent._longest, parent._parent

@@ -244,10 +244,11 @@ def _fly_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
 
 
 def _find_covered(flight: FlownFlight) -> NDArray[np.bool_]:
-    """Return which slots the logs of all UAVs cover, (N,)."""
+    """Return which slots are covered, (N,): all logs have positions at all times within."""
     scenario = flight.plan.scenario
     edges = scenario.slot_duration * np.arange(1, scenario.slots + 2)
     first = np.searchsorted(flight.times, edges - STEP_S / 10)
+    # Whether all logs have a position at each of flight.times, and after the last one.
     in_all = np.append(flight.covered.all(axis=0), flight.covered[:, -1].all())
     covered: NDArray[np.bool_] = np.logical_and.reduceat(
         in_all, np.minimum(first, len(in_all) - 1))[:-1]

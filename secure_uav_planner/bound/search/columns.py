@@ -259,6 +259,7 @@ class ColumnPool:
         :param pool: the table's columns, then others.
         :param value: values of the pool's columns, (G, C) in nats.
         """
+        # Candidates have the best power at each place; starts are the best ones far apart.
         best = self._select_powers(value)
         candidates, value = pool.take(best), np.take_along_axis(value, best, 1)
         starts = candidates.take(_select_distinct(self.region, candidates, value))

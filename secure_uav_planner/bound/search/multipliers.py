@@ -201,7 +201,7 @@ class MultiplierSearch:
         return replace(columns, ground=np.where(is_better, columns.ground, -WORTHLESS))
 
     def _ask_to_go_on(self) -> bool:
-        """Raise the error of raise_if_over; otherwise return False, for branch and bound."""
+        """Call raise_if_over; return False, so that branch and bound is not stopped."""
         self.raise_if_over()
         return False
 
@@ -354,8 +354,12 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
     The potentials and prices are the search's. v is chosen anew for each of K breakpoints in each
     of C cells: first on all columns of the search, then on better columns of branch and bound.
     """
-    groups = len(search.weight)
-    bounds = _collect_bounds(search)
+    groups, candidates = len(search.weight), map(list, zip(*search.pools))
+    bounds = SlotBounds(
+        search.team, [(part, search.evaluate(i, part))
+                      for i, part in enumerate(map(ColumnPool.join, candidates))],
+        float(search.point.prices[0]), search.raise_if_over)
+    # The search's v of each cell, (C, E), and its ratio to w0 of the cell's group.
     v = np.concatenate(np.moveaxis(search.point.v, 1, 0))
     cells, ratio = bounds.divide(
         search.cells, search.weight, v / search.weight[search.cells.group, None])
@@ -370,14 +374,6 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
     return Multipliers(
         potentials, search.point.prices, cells, weights, v,
         constant + _find_silent_maxima(search, cells), incumbents + constant[:, None])
-
-
-def _collect_bounds(search: MultiplierSearch) -> SlotBounds:
-    """Return the slots' bounds on all columns of a search."""
-    candidates = [ColumnPool.join(list(pools)) for pools in zip(*search.pools)]
-    return SlotBounds(
-        search.team, [(part, search.evaluate(i, part)) for i, part in enumerate(candidates)],
-        float(search.point.prices[0]), search.raise_if_over)
 
 
 def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cells,

@@ -350,6 +350,7 @@ def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
 
 
 def _check_range(vector: Any, name: str, allowed: Number) -> None:
+    """Raise a PoseError, with the name, unless x, y and z are within the allowed range."""
     most, unit = allowed.high, allowed.unit
     for axis in 'xyz':
         value = getattr(vector, axis)

@@ -135,12 +135,14 @@ class Relay(WorkingNode):
         return self.get_clock().now().nanoseconds
 
     def _limits(self, name: str) -> Limits:
+        """Return what the guard of a UAV allows, by the parameters."""
         settings = self._settings
         uav = settings.uavs[name]
         return Limits(uav.max_speed, uav.max_acceleration, settings.max_jump,
                       settings.start_tolerance, settings.setpoint_timeout)
 
     def _on_enable(self, is_enabled: bool) -> Answer:
+        """Begin or end to pass setpoints on; the next one begins a new stream."""
         self._is_enabled = is_enabled
         for guard in self._guard_by_uav.values():
             guard.forget_stream()
@@ -280,6 +282,7 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
 
 
 def _check_vehicles(values: Mapping[str, Any]) -> None:
+    """Raise a ParameterError unless `vehicles` is empty or names one for each of `uavs`."""
     vehicles, uavs = values['vehicles'], values['uavs']
     if len(set(vehicles)) < len(vehicles):
         raise ParameterError(f'vehicles is {quote(vehicles)}; the names must be unique')
