@@ -93,7 +93,7 @@ class Incumbent:
 
     def raise_if_over(self) -> None:
         """Raise the deadline's error if no time is left to try an iterate in each incumbent."""
-        # Each enclosing incumbent tries the result, too; a trial takes up to _longest s.
+        # Enclosing incumbents try the result as well, in at most _longest s each.
         reserve, parent = self._longest, self._parent
         while parent is not None:
             reserve, parent = reserve + parent._longest, parent._parent

@@ -139,10 +139,10 @@ class ArrowSystem:
     def _eliminate_border(self, groups: Array, border: Array, answer: Array, damping: float
                           ) -> Array:
         """
-        Return the step of the prices, (U,): minus the inverse of the Schur complement of the band.
+        Return the step of the prices, (U,), by the Schur complement of the band.
 
-        With the Hessian [[H, C], [C', D]] the complement is D - C' H^-1 C, and the right side is
-        the gradient by the prices minus C' H^-1 times the band's gradient.
+        With the Hessian [[H, C], [C', D]] and the gradient [h, d] it is minus the inverse of
+        D - C' H^-1 C times d - C' H^-1 h.
 
         :param groups: damped Hessians of the groups' terms, (G, F, F).
         :param border: right sides by _assemble_border; the last column is the gradient.
