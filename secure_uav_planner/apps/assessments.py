@@ -37,7 +37,8 @@ def assess_plan(options: argparse.Namespace) -> int | None:
 
 
 def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
-    """Return the World of the options."""
+    """Return the World of the options, with the plan's channel unless options change it."""
+    # Options that are fields of World, and options that are fields of Channel.
     values, changes = ({
         field.name: value for field in fields(kind)
         if (value := getattr(options, field.name, None)) is not None} for kind in (World, Channel))
@@ -56,20 +57,24 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
     if options.mean_gain:
         values['los_distance'] = None
     if changes:
-        if changes.get('los') == 'none':
-            changes['los'] = None
-        try:
-            channel = plan.scenario.channel
-            # A channel with fading needs an outage, which the draws do not use.
-            fading = changes.get('rician_k_db', channel.rician_k_db)
-            changes['outage'] = None if fading is None else 0.5
-            values['channel'] = replace(channel, **changes)
-        except ScenarioError as error:
-            raise OptionError(str(error)) from None
+        values['channel'] = _change_channel(plan.scenario.channel, changes)
     try:
         return World(**values)
     except OptionError as error:
         raise OptionError(f'--{str(error.place[0]).replace("_", "-")}: {error}') from None
+
+
+def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
+    """Return a channel with the fields that the options change."""
+    if changes.get('los') == 'none':
+        changes['los'] = None
+    # A channel with fading needs an outage, which the draws do not use.
+    fading = changes.get('rician_k_db', channel.rician_k_db)
+    changes['outage'] = None if fading is None else 0.5
+    try:
+        return replace(channel, **changes)
+    except ScenarioError as error:
+        raise OptionError(str(error)) from None
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:

@@ -120,22 +120,26 @@ def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
                 yield (*path, key), wanted[key]
             else:
                 yield from _list_changes(present[key], wanted[key], (*path, key))
-        return
-    if isinstance(present, list) and isinstance(wanted, list):
-        shared = min(len(present), len(wanted))
-        first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
-        if len(present) == len(wanted) and any(
-                isinstance(item, (dict, list)) for item in wanted):
-            for index, items in enumerate(zip(present, wanted)):
-                yield from _list_changes(*items, (*path, index))
-            return
-        if first == len(present):
-            yield from (((*path, index), wanted[index]) for index in range(first, len(wanted)))
-            return
-        if present[:first] + present[first + 1:] == wanted:
-            yield (*path, first), _REMOVED
-            return
-    yield path, wanted
+    elif isinstance(present, list) and isinstance(wanted, list):
+        yield from _list_list_changes(present, wanted, path)
+    else:
+        yield path, wanted
+
+
+def _list_list_changes(present: list[Any], wanted: list[Any], path: FieldPath) -> Iterator[
+        tuple[FieldPath, Any]]:
+    """Yield the changes between two lists: inside items, items appended, one removed, or all."""
+    shared = min(len(present), len(wanted))
+    first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
+    if len(present) == len(wanted) and any(isinstance(item, (dict, list)) for item in wanted):
+        for index, items in enumerate(zip(present, wanted)):
+            yield from _list_changes(*items, (*path, index))
+    elif first == len(present):
+        yield from (((*path, index), wanted[index]) for index in range(first, len(wanted)))
+    elif present[:first] + present[first + 1:] == wanted:
+        yield (*path, first), _REMOVED
+    else:
+        yield path, wanted
 
 
 def _list_fields(present: Any, wanted: Any) -> Iterator[tuple[FieldPath, Any]]:
@@ -174,22 +178,35 @@ def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted:
     """
     Return (start, end, new words) of the part of a text that sets or removes a value.
 
+    :param root: node of the text's whole document.
     :param wanted: plain values of the whole mission after all changes.
     """
-    node, depth = root, 0
-    while depth < len(path) and (child := _find_child(node, path[depth])) is not None:
-        owner, node, depth = node, child, depth + 1
-    if depth == len(path) and value is not _REMOVED:
+    # The nodes along the path, until the text lacks one.
+    nodes = [root]
+    for key in path:
+        child = _find_child(nodes[-1], key)
+        if child is None:
+            return _add_value(text, nodes[-1], path[:len(nodes)], wanted)
+        nodes.append(child)
+    owner, node = nodes[-2:]
+    if value is not _REMOVED:
         return node.start_mark.index, _find_end(text, node), format_value(value)
-    if depth == len(path):
-        if owner.flow_style:  # A list or mapping in one line is written anew.
-            return (owner.start_mark.index, owner.end_mark.index,
-                    format_value(reduce(operator.getitem, path[:-1], wanted)))
+    if not owner.flow_style:
         return _find_lines(text, owner, path[-1])
-    # The text has no such value yet: it is added at the end of the innermost block.
-    words = format_value(reduce(operator.getitem, path[:depth + 1], wanted))
+    # A list or mapping in one line is written anew.
+    return (owner.start_mark.index, owner.end_mark.index,
+            format_value(reduce(operator.getitem, path[:-1], wanted)))
+
+
+def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tuple[int, int, str]:
+    """
+    Return (start, end, new words) by which a node gets the value at a path as its last one.
+
+    :param wanted: plain values of the whole mission after all changes.
+    """
+    words = format_value(reduce(operator.getitem, path, wanted))
     if isinstance(node, yaml.MappingNode):
-        words = f'{path[depth]}: {words}'
+        words = f'{path[-1]}: {words}'
     if node.flow_style:
         end = node.end_mark.index - 1
         return end, end, f', {words}' if node.value else words

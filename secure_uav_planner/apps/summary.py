@@ -88,16 +88,7 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
     for axes, (rate, line, column) in zip(grid.flat, places):
         group = frame[(frame.objective == rate) & (frame.third == column)
                       & (frame.fourth == line)]
-        names = dict.fromkeys(rate_name(rate, promise) for promise in group.promise.dropna())
-        label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
-        if name is None:
-            axes.yaxis.get_major_locator().set_params(integer=True)
-            for method, chosen in group.dropna(subset='rate').groupby('method', sort=False):
-                axes.hist(chosen.rate, bins=30, alpha=0.6, label=method)
-        else:
-            _draw_rates(axes, frame, group)
-        axes.set_xlabel(label if name is None else _label_field(name))
-        axes.set_ylabel('missions' if name is None else label)
+        _draw_panel(axes, frame, group, rate, name)
         if is_split:
             axes.set_title('\n'.join(
                 f'{name_field(field)}: {value}' for field, value in zip(later[1:], (column, line))
@@ -107,6 +98,28 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
     if rates:
         _add_legend(figure, grid, frame, rows, (name, *later))
     return figure
+
+
+def _draw_panel(axes: Any, frame: Any, group: Any, rate: str, name: str | None) -> None:
+    """
+    Draw a group's rates over the field `name`, or how many missions have which rate without one.
+
+    :param frame: DataFrame of all missions of the figure.
+    :param group: rows of the frame that are drawn into `axes`.
+    :param rate: objective whose rate is drawn.
+    """
+    names = dict.fromkeys(rate_name(rate, promise) for promise in group.promise.dropna())
+    label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
+    if name is not None:
+        _draw_rates(axes, frame, group)
+        axes.set_xlabel(_label_field(name))
+        axes.set_ylabel(label)
+        return
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    for method, chosen in group.dropna(subset='rate').groupby('method', sort=False):
+        axes.hist(chosen.rate, bins=30, alpha=0.6, label=method)
+    axes.set_xlabel(label)
+    axes.set_ylabel('missions')
 
 
 def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | None]) -> Any:
@@ -157,15 +170,15 @@ def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
         axes.plot(band.index, band[0.5], dash, color=color, linewidth=1.8, label=label)
         for quantile in (_QUANTILES[0], _QUANTILES[-1]):
             axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)
-        for x in band.index:
-            is_flown = flown[x] > 0
-            # The height of a cross is 0.02 of the axes.
-            axes.plot(x, band[0.5][x] if is_flown else 0.02, 'o' if is_flown else _EMPTY_POINT,
-                      color=color, markersize=5, clip_on=False, markerfacecolor=(
-                          color if flown[x] == asked[x] else 'white'),
-                      transform=axes.transData if is_flown else axes.get_xaxis_transform())
-            if 0 < flown[x] < asked[x]:
-                axes.annotate(f'n = {flown[x]}', (x, band[0.5][x]), (5, -9), color=color,
+        for x, median in band[0.5].items():
+            style = {'color': color, 'markersize': 5, 'clip_on': False, 'markerfacecolor': (
+                color if flown[x] == asked[x] else 'white')}
+            if not flown[x]:  # A cross at 0.02 of the height of the axes.
+                axes.plot(x, 0.02, _EMPTY_POINT, transform=axes.get_xaxis_transform(), **style)
+                continue
+            axes.plot(x, median, 'o', **style)
+            if flown[x] < asked[x]:
+                axes.annotate(f'n = {flown[x]}', (x, median), (5, -9), color=color,
                               textcoords='offset points', fontsize=7.5)
 
 

@@ -224,9 +224,16 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
 
 def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
            world: World) -> Iterator[Array]:
-    """Yield, for each slot, the ground nodes' rates minus their leaks, (G, D) in bit/s/Hz."""
+    """
+    Yield, for each slot, the ground nodes' rates minus their leaks, (G, D) in bit/s/Hz.
+
+    :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
+    :param powers: (U, N) in W.
+    :param draws: number D of draws.
+    """
     channel, nodes = scenario.channel, len(scenario.ground_nodes)
     count = nodes + len(scenario.eavesdroppers)
+    # What is drawn in each slot; the receivers are the ground nodes, then the eavesdroppers.
     places = draw_places(scenario, world, draws, seed)
     advantages = [*[1.0] * nodes,
                   *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
@@ -246,11 +253,10 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
                 scenario.receivers.ground_nodes.swapaxes(0, 1), strict=True)
     for (uavs, watts, grounds), eves, error, sight, fade in zip(
             slots, places, errors, sights, fading):
-        uavs = uavs + error
         rates = []
         for number, (place, advantage) in enumerate(
                 zip([*grounds, *eves], advantages, strict=True)):
-            squared = ((uavs - place)**2).sum(axis=-1)
+            squared = ((uavs + error - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))

@@ -227,6 +227,10 @@ class _BestBound:
         self._proving = self.deadline.elapsed - before
         self.deadline.raise_if_over()
 
+    def has_gap(self, rate: float, gap: float) -> bool:
+        """Whether the bound is above a plan's rate by more than a share `gap`; not for rate 0."""
+        return bool(rate) and self.rate > (1 + gap) * rate
+
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest so far, and report the lowest."""
         self.rate = min(self.rate, rate)
@@ -235,10 +239,42 @@ class _BestBound:
 
 def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
                         plan: Plan | None) -> Status:
-    """Search for multipliers on coarse and on fine groups, and prove a bound with each."""
+    """
+    Search for multipliers on coarse groups, on fine groups, then with cells; prove each bound.
+
+    Cells, and a second search on fine groups, follow only while the gap to the plan is large.
+    """
     scenario = detours.scenario
     positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
     best.deadline.raise_if_over()
+    subset = _select_eavesdroppers(scenario, objective, positions, powers)
+    groups = min(scenario.slots, MOST_GROUPS)
+    coarse_groups = max(-(-groups // SLOTS_A_GROUP), min(groups, FEWEST_GROUPS))
+    coarse_team, fine_team = (Team.of(scenario, subset, detours.detours, most)
+                              for most in (coarse_groups, groups))
+    coarse = MultiplierSearch(coarse_team, positions, powers, best.reserve_time(1.0))
+    with best.proving(coarse):
+        _anneal(coarse, COARSE)
+    leading = None
+    ratio = FINE_COST * groups / coarse_groups
+    for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
+        fine = MultiplierSearch(fine_team, positions, powers, best.reserve_time(ratio))
+        fine.begin_from(coarse)
+        before = best.rate
+        _prove_on_fine_groups(best, fine, quadratic)
+        if leading is None or best.rate < before:
+            leading = fine
+        if not best.has_gap(rate, LARGE_GAP):
+            break
+        ratio = 1.0
+    assert leading is not None
+    _prove_with_cells(best, leading, rate)
+    return best.status
+
+
+def _select_eavesdroppers(scenario: Scenario, objective: str, positions: Array, powers: Array
+                          ) -> EavesdropperSubset:
+    """Return the places that leak most in a plan, with positions in m and powers in W."""
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
     # 400 slots suffice to show which eavesdroppers matter.
@@ -246,49 +282,41 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
         1, scenario.slots, min(scenario.slots, MOST_GROUPS)).astype(int))
     sinrs = subset.compute_sinrs(
         scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1])
-    subset = subset.select_loudest(sinrs, most, scenario.colluding)
+    return subset.select_loudest(sinrs, most, scenario.colluding)
 
-    groups = min(scenario.slots, MOST_GROUPS)
-    coarse_groups = max(-(-groups // SLOTS_A_GROUP), min(groups, FEWEST_GROUPS))
-    coarse = MultiplierSearch(Team.of(scenario, subset, detours.detours, coarse_groups),
-                              positions, powers, best.reserve_time(1.0))
-    with best.proving(coarse):
-        _anneal(coarse, COARSE)
-    team = Team.of(scenario, subset, detours.detours, groups)
-    ratio = FINE_COST * groups / coarse_groups
-    leading = coarse
-    for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
-        fine = MultiplierSearch(team, positions, powers, best.reserve_time(ratio))
-        fine.begin_from(coarse)
-        fine.raise_if_over()
-        before = best.rate
-        with best.proving(fine):
-            _anneal(fine, FINE)
-            if quadratic:
-                fine.add_quadratic_part()
-            _anneal(fine, QUADRATIC if quadratic else LINEAR)
-        if leading is coarse or best.rate < before:
-            leading = fine
-        if not rate or best.rate <= (1 + LARGE_GAP) * rate:
-            break
-        ratio = 1.0
+
+def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: bool) -> None:
+    """Search on fine groups with linear potentials, then quadratic ones if asked; prove."""
+    fine.raise_if_over()
+    with best.proving(fine):
+        _anneal(fine, FINE)
+        if quadratic:
+            fine.add_quadratic_part()
+        _anneal(fine, QUADRATIC if quadratic else LINEAR)
+
+
+def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -> None:
+    """
+    Add CUTS cells to every group and prove, up to twice, while the gap to a plan is large.
+
+    :param rate: the plan's rate [bit/s/Hz], or 0 without a plan.
+    """
     ratio = DIVIDED_COST
     for gap, schedule in ((SMALL_GAP, DIVIDED), (WIDE_GAP, SETTLED)):
-        if not rate or best.rate <= (1 + gap) * rate:
-            break
-        leading.raise_if_over = best.reserve_time(ratio)
-        leading.raise_if_over()
-        leading.thorough = True
+        if not best.has_gap(rate, gap):
+            return
+        search.raise_if_over = best.reserve_time(ratio)
+        search.raise_if_over()
+        search.thorough = True
         before = best.rate
-        with best.proving(leading):
+        with best.proving(search):
             for _ in range(CUTS):
-                leading.cut_cells(schedule[0][0])
-                leading.minimise(schedule[0][0], ITERATIONS)
-            _anneal(leading, schedule)
+                search.cut_cells(schedule[0][0])
+                search.minimise(schedule[0][0], ITERATIONS)
+            _anneal(search, schedule)
         if best.rate - rate > STUCK * (before - rate):
-            break
+            return
         ratio = 2.0
-    return best.status
 
 
 def find_start(scenario: Scenario, deadline: Deadline, objective: str,

@@ -155,7 +155,8 @@ class _Search:
         Return a flight that delivers the bits and a shorter duration [s] that does not.
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
-        flown. Durations grow by a ratio, whose root is taken after one that cannot be flown.
+        flown. Durations grow by the factor `growth`. If a longer duration cannot be flown although
+        a shorter one can, the factor becomes its square root.
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH

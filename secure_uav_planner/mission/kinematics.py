@@ -90,28 +90,34 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
         too short.
     :param longest: largest duration in s that is tried.
     """
-    low, below = duration, _log(utilisation(duration))
-    if below <= 0:
+    # The bracket: log utilisation is `at_low` > 0 at `low` and `at_high` <= 0 at `high`.
+    low, at_low = duration, _log(utilisation(duration))
+    if at_low <= 0:
         return duration
     high = min(2 * duration, longest)
-    while (above := _log(utilisation(high))) > 0:
+    while (at_high := _log(utilisation(high))) > 0:
         if high >= longest:
             return None
-        low, below, high = high, above, min(2 * high, longest)
+        low, at_low, high = high, at_high, min(2 * high, longest)
     last_sign = 0.0  # Sign of the value at the last duration tried.
     for _ in range(_MOST_STEPS):
-        if high <= low * (1 + accuracy):
-            break
-        middle = low * (high / low)**(below / (below - above))
-        if not low < middle < high:
+        middle = low * (high / low)**(at_low / (at_low - at_high))
+        if high <= low * (1 + accuracy) or not low < middle < high:
             break
         value = _log(utilisation(middle))
+        # An end that stays twice has its value halved, so that it moves soon.
         if value > 0:
-            low, below, above = middle, value, above / (2 if last_sign > 0 else 1)
+            low, at_low, at_high = middle, value, at_high / (2 if last_sign > 0 else 1)
         else:
-            high, above, below = middle, value, below / (2 if last_sign < 0 else 1)
+            high, at_high, at_low = middle, value, at_low / (2 if last_sign < 0 else 1)
         last_sign = 1.0 if value > 0 else -1.0
-    rounded = round_up(high)
+    return _round_duration(utilisation, high, longest)
+
+
+def _round_duration(utilisation: Callable[[float], float], duration: float, longest: float
+                    ) -> float | None:
+    """Return a duration rounded up to six digits until its utilisation is at most 1, or None."""
+    rounded = round_up(duration)
     for power in range(_MOST_ROUNDINGS):
         if rounded > longest:
             break

@@ -148,6 +148,11 @@ def _list_nodes(nodes: Any, place: Any, track: Any) -> Any:
 
     `replace` of a place passes the present ground_nodes too: a single one keeps its name, weight
     and trust.
+
+    :param nodes: value of ground_nodes; None or an empty tuple if there is none.
+    :param place: value of ground_node: coordinates, or a mapping with the fields of a GroundNode.
+    :param track: value of ground_node_track.
+    :raises ScenarioError: if there are both or neither, or for a wrong value.
     """
     is_listed = nodes is not None and not (isinstance(nodes, tuple) and not nodes)
     is_single = isinstance(nodes, tuple) and [*map(type, nodes)] == [GroundNode]

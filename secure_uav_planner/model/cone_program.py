@@ -134,10 +134,41 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     straight = read_only(vehicle.fly_straight(slots, step))
     if vehicle.is_straight:
         return vehicle.straight_utilisation(slots, step), straight
-    moves, top, gain = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
     displacement = np.array(vehicle.displacement)
     begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
                   for velocity in (vehicle.start_velocity, vehicle.goal_velocity))
+    rows, right_side = _list_cones(vehicle, slots, step, begin, end)
+    size = rows.shape[1]
+    solution = solve_cone_program(
+        scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows, right_side,
+        equalities=2, accuracy=_ACCURACY, raise_if_over=raise_if_over)
+    if solution is None or not np.isfinite(solution).all():
+        return math.inf, straight
+    velocities = solution[1:].reshape(-1, 2) * vehicle.max_speed
+    # The displacement is nearly right: the moves share the rest.
+    velocities += (displacement / step - velocities.sum(axis=0)) / (slots + 1)
+    changes = np.diff(np.concatenate([begin, velocities, end]), axis=0)
+    utilisation = max(np.hypot(*velocities.T).max() / vehicle.max_speed,
+                      np.hypot(*changes.T).max(initial=0.0) / (vehicle.max_acceleration * step))
+    points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
+    points[-1] = displacement
+    return float(utilisation), read_only(points)
+
+
+def _list_cones(vehicle: Vehicle, slots: int, step: float, begin: Array, end: Array
+                ) -> tuple[Any, Array]:
+    """
+    Return matrix and right side of the displacement and the cones of minimise_utilisation.
+
+    The unknowns are r, then the velocities in units of the top speed. The first two rows are the
+    displacement. Each cone |vector| <= limit r has three rows: limit times r, and the vector. The
+    vectors are the velocities, then the changes of velocities.
+
+    :param begin: velocity before the start, (1, 2) in m/s, or (0, 2) if it is free.
+    :param end: velocity after the goal, (1, 2) in m/s, or (0, 2) if it is free.
+    """
+    moves, top, gain = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
+    # The given velocities beyond both ends, with zeros in place of the unknown velocities.
     ends = np.concatenate([begin, np.zeros((moves, 2)), end])
     change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(ends) - 1, len(ends)))
     vectors = scipy.sparse.vstack([
@@ -146,24 +177,9 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     limits = np.zeros((len(constants), 3))
     limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, gain / top)
     unit = max(1.0, math.hypot(*vehicle.displacement))
-    # The displacement, then for every cone a row of its limit times r, and two of its vector.
     rows = scipy.sparse.bmat([
         [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), np.eye(2))],
         [scipy.sparse.csr_matrix(-limits.reshape(-1, 1)),
          -scipy.sparse.kron(vectors, np.eye(3, 2, k=-1))]])
-    size = 1 + 2 * moves
-    solution = solve_cone_program(
-        scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows,
-        np.concatenate([displacement / unit, np.pad(constants, ((0, 0), (1, 0))).ravel()]),
-        equalities=2, accuracy=_ACCURACY, raise_if_over=raise_if_over)
-    if solution is None or not np.isfinite(solution).all():
-        return math.inf, straight
-    velocities = solution[1:].reshape(-1, 2) * top
-    # The displacement is nearly right: the moves share the rest.
-    velocities += (displacement / step - velocities.sum(axis=0)) / moves
-    changes = np.diff(np.concatenate([begin, velocities, end]), axis=0)
-    utilisation = max(np.hypot(*velocities.T).max() / top,
-                      np.hypot(*changes.T).max(initial=0.0) / gain)
-    points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
-    points[-1] = displacement
-    return float(utilisation), read_only(points)
+    return rows, np.concatenate([np.array(vehicle.displacement) / unit,
+                                 np.pad(constants, ((0, 0), (1, 0))).ravel()])

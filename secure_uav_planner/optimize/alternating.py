@@ -239,7 +239,12 @@ def _log_of_sum(gains: Array, local: Array, powers: Any) -> Any:
 
 
 def _leakage_bound(gains: Array, local: Array, powers: Any) -> Any:
-    """Return a convex upper bound of r-tilde_e in nats, exact at the local point, (N,)."""
+    """
+    Return a convex upper bound of r-tilde_e in nats, exact at the local point, (N,).
+
+    r-tilde_e is log(received + 1) - log(jamming + 1). The first logarithm is replaced by its
+    tangent at the local point; minus the second one is convex.
+    """
     total, jamming = _total(gains, local), _drop_transmitter(gains)
     constant = np.log(total / _total(jamming, local)) - (total - 1) / total
     return constant + _dot(gains / total, powers) - _log_of_sum(jamming, local, powers)

@@ -92,7 +92,8 @@ class Incumbent:
         return gain
 
     def raise_if_over(self) -> None:
-        """Call Deadline.raise_if_over, with time left for a last proposal to each incumbent."""
+        """Raise the deadline's error if no time is left to try an iterate in each incumbent."""
+        # Enclosing incumbents try the result as well, in at most _longest s each.
         reserve, parent = self._longest, self._parent
         while parent is not None:
             reserve, parent = reserve + parent._longest, parent._parent
@@ -121,21 +122,21 @@ class Incumbent:
         Powers have local optima in each single slot: silence between slots that transmit, or so
         much jamming that nothing arrives.
         """
-        slots = np.flatnonzero(self._rates <= _IDLE_SHARE * self.rate)
-        useful = np.flatnonzero(self._rates > _IDLE_SHARE * self.rate)
-        if not len(slots) or not len(useful):
+        most = _IDLE_SHARE * self.rate  # Largest rate of an idle slot.
+        idle, useful = np.flatnonzero(self._rates <= most), np.flatnonzero(self._rates > most)
+        if not len(idle) or not len(useful):
             return
-        positions = self.positions[:, [0, *(slots + 1), -1]]
-        times = np.asarray((slots + 1) * self.scenario.slot_duration, float)
-        after = np.searchsorted(useful, slots)
-        powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
+        positions = self.positions[:, [0, *(idle + 1), -1]]
+        times = np.asarray((idle + 1) * self.scenario.slot_duration, float)
+        after = np.searchsorted(useful, idle)
+        powers, best = self.powers.copy(), np.full(len(idle), most)
         for neighbour in (after - 1, after):
             tried = self.powers[:, useful[neighbour.clip(0, len(useful) - 1)]]
             _, rates = mute_nonpositive_slots(
                 self.scenario, positions, tried, self.objective, times)
             rates = rates.max(axis=0)
             better = rates > best
-            powers[:, slots[better]], best[better] = tried[:, better], rates[better]
+            powers[:, idle[better]], best[better] = tried[:, better], rates[better]
         self.try_improve(powers=powers)
         quiet = np.where(self._rates > _IDLE_SHARE * self.rate, self.powers, 0.0)
         # The floor avoids a division by 0 for a UAV that sends in idle slots only.

@@ -76,9 +76,11 @@ def solve(scenario: Scenario, method: Method = 'joint',
         _check_scope(scenario)
         with name_missing_package():
             from .alternating import alternate  # Here, because CVXPY takes a second to import.
+    # Nodes are planned in a canonical order, so that a plan does not depend on the scenario's.
     order = order_nodes(scenario)
     problem = Problem(reorder_nodes(scenario, order))
     deadline = _build_deadline(problem, on_iteration, time_limit)
+    # The start is the initial plan, made feasible, or fly-hover-fly.
     positions, powers, baseline = None, constant_powers(scenario), None
     if initial is not None:
         positions, powers = adapt_plan(problem, initial, deadline.raise_if_over)

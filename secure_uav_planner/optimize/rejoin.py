@@ -96,19 +96,15 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
                       tail, move_receivers(tail.scenario, updated, first * step))
     reason: ScenarioError | PlanError | None = None
     for point in _list_candidates(first, plan.scenario.slots):
-        paths = {}
-        for uav, recovery in recoveries.items():
-            path = recovery.find_path(point)
-            if path is None:
-                break
-            paths[uav] = path
-        else:
-            try:
-                rejoin = _build_rejoin(plan, first, point, paths, updated)
-                _check_transition(rejoin, tail.scenario)
-                return rejoin
-            except (ScenarioError, PlanError) as error:
-                reason = reason or error  # A later point may be better.
+        paths = _find_paths(recoveries, point)
+        if paths is None:
+            continue
+        try:
+            rejoin = _build_rejoin(plan, first, point, paths, updated)
+            _check_transition(rejoin, tail.scenario)
+            return rejoin
+        except (ScenarioError, PlanError) as error:
+            reason = reason or error  # A later point may be better.
     far = ', '.join(f'{plan.scenario.uavs[uav].name} ({recovery.distance:.1f} m from it)'
                     for uav, recovery in recoveries.items())
     raise InfeasibleMissionError(
@@ -144,11 +140,13 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                                      f'{scenario.duration:g} s that are left')
     powers = plan.powers[:, :point].copy()
     if point > first:
+        # On the new paths, slots with a rate that is not positive are silent.
         times: Array = np.arange(first + 1.0, point + 1) * step
         powers[:, first:], rates = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
             plan.objective, times)
         if len(rates) > 1:
+            # What each ground node has got by then counts in the rest of the mission.
             delivered = plan.node_shares[:, :first].sum(axis=1) + (
                 plan.shares[:, first:point] * rates).sum(axis=1)
             scenario = replace(scenario, head_starts=find_head_starts(
@@ -201,25 +199,27 @@ class _RecoveryPath:
         return math.dist(self._states[0][index], self._planned[index]) <= self._tolerance
 
     def find_path(self, point: int) -> Array | None:
-        """Return the path up to a point, (point + 1, 2) in m, or None if it cannot be flown."""
+        """
+        Return the path up to a candidate point, (point + 1, 2) in m, or None without one.
+
+        It is the plan's path if the UAV is back on its plan there. Otherwise it leads from the
+        last kept point to the predicted state, with the least utilisation.
+        """
         index = self._points.index(point)
         if self.is_on_plan(index):
             return self._path[:point + 1]
         position, velocity = (state[index] for state in self._states)
-        end = position[None]
+        begin, vehicle, end = self._path[self._first], self._begin.vehicle, position[None]
         if self._smooth:
             # The curve has a given state between the control points half a slot before and after.
             move = np.array(clip_norm(*_to_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])
-        slots = point - self._first - len(end)
-        if slots < 0:
-            return None
-        begin = self._path[self._first]
-        vehicle = replace(self._begin.vehicle, displacement=_to_point(end[0] - begin))
-        if self._smooth:
             vehicle = replace(vehicle, goal_velocity=_to_point(2 * move / self._step))
-        if math.hypot(*vehicle.displacement) > (slots + 1) * self._step * vehicle.max_speed:
+        vehicle = replace(vehicle, displacement=_to_point(end[0] - begin))
+        slots = point - self._first - len(end)
+        longest = (slots + 1) * self._step * vehicle.max_speed
+        if slots < 0 or math.hypot(*vehicle.displacement) > longest:
             return None
         utilisation, points = minimise_utilisation(vehicle, slots, self._step)
         if not utilisation <= 1:
@@ -237,6 +237,17 @@ def _list_recovery_paths(plan: Plan, first: int, now: Scenario,
     recoveries = {uav: _RecoveryPath(playback, uav, first, now.uavs[uav], state, tolerance)
                   for uav, state in enumerate(states) if state is not None}
     return {uav: recovery for uav, recovery in recoveries.items() if not recovery.is_on_plan(0)}
+
+
+def _find_paths(recoveries: dict[int, _RecoveryPath], point: int) -> dict[int, Array] | None:
+    """Return each UAV's path to a point, (point + 1, 2) in m, or None if one cannot be flown."""
+    paths = {}
+    for uav, recovery in recoveries.items():
+        path = recovery.find_path(point)
+        if path is None:
+            return None
+        paths[uav] = path
+    return paths
 
 
 def _list_candidates(first: int, slots: int) -> list[int]:

@@ -111,29 +111,36 @@ def _cut_ring(places: Array) -> dict[str, Any]:
 def _cut_line(places: Array, values: Mapping[str, Sequence[float] | None]
               ) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the geometry of a line through places (K, 2), and the values at each of its points.
+    Return the geometry of a line, cut at the meridian of 180 degrees, and values at its points.
 
     A line that is cut has a list of values for each part. A point on the meridian has the power of
     the slot before; its other values are interpolated.
+
+    :param places: longitudes and latitudes of the line's points, (K, 2) in degrees.
+    :param values: by name the K values at the points, or None.
     """
     names = [name for name, given in values.items() if given is not None]
+    # A row for each point: longitude, latitude and the values.
     rows = np.column_stack([places, *(np.array(values[name], float) for name in names)])
     held = [2 + names.index(name) for name in names if name == 'powers']
-    lines, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
+    parts, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
     for before, after in zip(rows[:-1], rows[1:]):
         if (turn := _find_turn(after[0])) != turns[-1]:
             meridian = 360 * max(turn, turns[-1]) - 180
             cut = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
             cut[0], cut[held] = meridian, before[held]
-            lines[-1].append(cut)
-            lines.append([cut])
+            parts[-1].append(cut)
+            parts.append([cut])
             turns.append(turn)
-        lines[-1].append(after)
-    parts = [(np.array(line) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()
-             for line, turn in zip(lines, turns, strict=True)]
-    is_cut = len(parts) > 1
-    coordinates = [[*zip(*part[:2])] for part in parts]
-    return {'type': 'MultiLineString' if is_cut else 'LineString',
-            'coordinates': coordinates if is_cut else coordinates[0]}, {**values, **{
-                name: [part[index] for part in parts] if is_cut else parts[0][index]
-                for index, name in enumerate(names, start=2)}}
+        parts[-1].append(after)
+    for part, turn in zip(parts, turns, strict=True):
+        part[:] = part - np.eye(1, rows.shape[1])[0] * 360 * turn
+    columns = [np.transpose(part).tolist() for part in parts]
+    coordinates = [[*zip(*part[:2])] for part in columns]
+    values_of_parts = {name: [part[index] for part in columns]
+                       for index, name in enumerate(names, start=2)}
+    if len(parts) > 1:
+        return {'type': 'MultiLineString', 'coordinates': coordinates}, {
+            **values, **values_of_parts}
+    return {'type': 'LineString', 'coordinates': coordinates[0]}, {
+        **values, **{name: part for name, (part,) in values_of_parts.items()}}

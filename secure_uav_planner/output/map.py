@@ -104,13 +104,19 @@ def label_map(axes, scenario, plan=None, baselines=()):
 
 
 def _label_eavesdroppers(labels, scenario):
-    """Write the advantage of each receiver, and names and times of moving eavesdroppers."""
+    """
+    Write the advantage of each eavesdropper's receiver, if it has one.
+
+    At the discs of an eavesdropper that moves, write their times, and its name at time 0.
+    """
     for index, (eve, name, discs) in enumerate(zip(
             scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
         color, advantage = eavesdropper_color(index, eve), receiver_label(eve)
-        if eve.track is None and advantage:
-            labels.add(advantage, eve.position, np.pi / 4, is_needed=True, color=color)
-        for time, center, _ in discs if eve.track is not None else ():
+        if eve.track is None:
+            if advantage:
+                labels.add(advantage, eve.position, np.pi / 4, is_needed=True, color=color)
+            continue
+        for time, center, _ in discs:
             text = f'{time:g} s' if time else ', '.join(
                 filter(None, (wrap_name(name), advantage, '0 s')))
             labels.add(text, center, np.pi, is_needed=True, color=color)

@@ -98,32 +98,38 @@ def _place_beside(parts, width, sides, top):
     """
     Return a figure's height, and (box, legend's corner) of each part, charts beside the map.
 
+    The legend of the map is below it.
+
+    :param width: width of the figure; all lengths are in inches.
     :param sides: width and height of the map in m.
     :param top: height of the title and the edge above the parts.
     """
     map_part, *charts = parts
     left, bottom, right = map_part.measure_margins()
     chart_left, chart_bottom, chart_right = _join_margins(charts)
-    map_width = min(_MAP_SHARE * width - left, _MOST_MAP * width * sides[0] / sides[1])
-    map_height = map_width * sides[1] / sides[0]
-    legend = map_part.fit_legend(max(left + map_width, _LEGEND_SHARE * width))
-    x = _EDGE + max(left + map_width + right, legend[0]) + _PART_GAP + chart_left
+    map_size = _fit_map(sides, _MAP_SHARE * width - left, _MOST_MAP * width)
+    legend = map_part.fit_legend(max(left + map_size[0], _LEGEND_SHARE * width))
+    x = _EDGE + max(left + map_size[0] + right, legend[0]) + _PART_GAP + chart_left
     chart_width = width - x - chart_right - _EDGE
     legends = [part.fit_legend(chart_width) for part in charts]
-    rest = sum(size[1] for size in legends) + 3 * _GAP + chart_bottom
-    block = max(map_height + bottom + _GAP + legend[1], 2 * _LEAST_CHART + rest)
+    without_charts = sum(size[1] for size in legends) + 3 * _GAP + chart_bottom
+    block = max(map_size[1] + bottom + _GAP + legend[1], 2 * _LEAST_CHART + without_charts)
     height = top + block + _EDGE
-    y = height - top - map_height
-    places = [((_EDGE + left, y, map_width, map_height), (_EDGE, y - bottom - _GAP))]
+    y = height - top - map_size[1]
+    places = [((_EDGE + left, y, *map_size), (_EDGE, y - bottom - _GAP))]
     return height, places + _stack_charts(
-        legends, x, height - top, chart_width, (block - rest) / 2)
+        legends, x, height - top, chart_width, (block - without_charts) / 2)
 
 
 def _place_below(parts, width, sides, top):
     """
     Return a figure's height, and (box, legend's corner) of each part, charts below the map.
 
-    The arguments are as in _place_beside.
+    The legend of the map is at its right if that leaves the map wide enough, otherwise below it.
+
+    :param width: width of the figure; all lengths are in inches.
+    :param sides: width and height of the map in m.
+    :param top: height of the title and the edge above the parts.
     """
     map_part, *charts = parts
     left, _, right = _join_margins(parts)
@@ -131,26 +137,32 @@ def _place_below(parts, width, sides, top):
     room = width - 2 * _EDGE - left - right
     chart_height = max(_LEAST_CHART, _CHART_SHARE * width)
     legends = [part.fit_legend(room) for part in charts]
-    rest = (_PART_GAP + sum(size[1] for size in legends) + 3 * _GAP + 2 * chart_height
-            + chart_bottom)
-    most_height = min(0.97 * width, _MOST_HEIGHT - top - bottom - rest - _EDGE)
+    charts_height = (_PART_GAP + sum(size[1] for size in legends) + 3 * _GAP + 2 * chart_height
+                     + chart_bottom)
+    most_height = min(0.97 * width, _MOST_HEIGHT - top - bottom - charts_height - _EDGE)
     legend = map_part.fit_legend(0.0)
-    left_over = room - 2 * _GAP - legend[0]
-    is_beside = left_over >= _LEAST_MAP_SHARE * min(room, most_height * sides[0] / sides[1])
-    if not is_beside:
-        legend, left_over = map_part.fit_legend(left + room), room
-        most_height = min(most_height, _MOST_HEIGHT - top - bottom - rest - 2 * _GAP - legend[1])
-    map_width = min(left_over, most_height * sides[0] / sides[1])
-    map_height = map_width * sides[1] / sides[0]
-    block = max(map_height + bottom, legend[1]) if is_beside else (
-        map_height + bottom + _GAP + legend[1])
-    height = top + block + rest + _EDGE
-    y = height - top - map_height
-    corner = (_EDGE + left + map_width + 2 * _GAP,
-              height - top - max(0.0, (map_height - legend[1]) / 2)) if is_beside else (
-                  _EDGE, y - bottom - _GAP)
-    return height, [((_EDGE + left, y, map_width, map_height), corner)] + _stack_charts(
-        legends, _EDGE + left, height - top - block - _PART_GAP, room, chart_height)
+    map_room = room - 2 * _GAP - legend[0]
+    if map_room >= _LEAST_MAP_SHARE * min(room, most_height * sides[0] / sides[1]):
+        map_size = _fit_map(sides, map_room, most_height)
+        block = max(map_size[1] + bottom, legend[1])
+        # The legend's corner: from the left edge, and down from the top of the map.
+        corner = left + map_size[0] + 2 * _GAP, max(0.0, (map_size[1] - legend[1]) / 2)
+    else:
+        legend = map_part.fit_legend(left + room)
+        map_size = _fit_map(sides, room, min(
+            most_height, _MOST_HEIGHT - top - bottom - charts_height - 2 * _GAP - legend[1]))
+        block = map_size[1] + bottom + _GAP + legend[1]
+        corner = 0.0, map_size[1] + bottom + _GAP
+    y = block + charts_height + _EDGE
+    places = [((_EDGE + left, y - map_size[1], *map_size), (_EDGE + corner[0], y - corner[1]))]
+    return top + y, places + _stack_charts(
+        legends, _EDGE + left, y - block - _PART_GAP, room, chart_height)
+
+
+def _fit_map(sides, width, height):
+    """Return the largest (width, height) of a map with given sides in m, within both limits."""
+    map_width = min(width, height * sides[0] / sides[1])
+    return map_width, map_width * sides[1] / sides[0]
 
 
 def _stack_charts(legends, x, y, width, height):

@@ -171,16 +171,15 @@ class Player:
         self._pending = None
         flight = _make_flight(new, new.begin + since if scale else new.begin, scale)
         jump = self._explain_jump(flight, elapsed if scale else 0.0)
-        if jump:
-            self.playing = self.playing and not self.ended
-            if self.ended:
-                self._elsewhere = new
+        if not jump:
+            self._adopt(flight)
+        elif self.ended:
+            self.playing, self._elsewhere = False, new
             self.refuse(f'{jump}; ~/start begins it where the UAVs are, if that is its start by '
-                        'odometry; otherwise call ~/reset' if self.ended else
-                        f'{lateness}{jump}; call ~/plan again')
-            return False
-        self._adopt(flight)
-        return True
+                        'odometry; otherwise call ~/reset')
+        else:
+            self.refuse(f'{lateness}{jump}; call ~/plan again')
+        return not jump
 
     def _explain_jump(self, new: Flight, elapsed: float) -> str:
         """Describe the jump of the setpoints to a flight; empty if there is none."""
@@ -324,8 +323,8 @@ class Player:
                 # A change of the time_scale accelerates UAVs beyond the plan's own acceleration.
                 moment.accelerations[:] = (moment.velocities - last.velocities) / elapsed
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
-            self.largest_jump = max(
-                self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
+            jump = float((distances - scenario.max_speeds * advance).max())
+            self.largest_jump = max(self.largest_jump, jump)
         return replace(moment, powers=np.zeros_like(moment.powers)) if is_silent else moment
 
     def _advance(self, now_ns: int, elapsed: float, target: float) -> Flight:

@@ -83,13 +83,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         positions, powers = (
             checked_array('beginning', values, (len(powers), None, *rest))
             for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
-    delay, joint = point * scenario.slot_duration, (first + 1) * scenario.slot_duration
-    until = math.inf if plan.promised_until is None else plan.promised_until
-    before = _cut_gaps(plan.gaps, 0.0, 0.0, joint)
-    if until < first * scenario.slot_duration - _ROUNDING:
-        before += ((until, joint),)
-    after = tuple(gap for gap in _cut_gaps(
-        tail.gaps, delay, first * scenario.slot_duration, math.inf) if gap[1] > joint)
+    delay = point * scenario.slot_duration
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
         tail, scenario=whole,
@@ -97,7 +91,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
         start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
-        gaps=_merge_gaps(before + after),
+        gaps=_join_gaps(plan, tail, first, delay),
         promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))
 
 
@@ -152,6 +146,23 @@ def _set_track(receiver: _Receiver, track: Track | None) -> _Receiver:
 
 def _shift(time: float | None, seconds: float) -> float | None:
     return None if time is None else time + seconds
+
+
+def _join_gaps(plan: Plan, tail: Plan, first: int, delay: float
+               ) -> tuple[tuple[float, float], ...]:
+    """
+    Return the gaps in the promise of a plan whose tail has the promise after the point `first`.
+
+    :param delay: time [s] of the tail's point 0 in the plan.
+    """
+    step = plan.scenario.slot_duration
+    last, joint = first * step, (first + 1) * step
+    before = _cut_gaps(plan.gaps, 0.0, 0.0, joint)
+    # A promise of the plan that ended earlier leaves a gap up to the tail.
+    if plan.promised_until is not None and plan.promised_until < last - _ROUNDING:
+        before += ((plan.promised_until, joint),)
+    after = _cut_gaps(tail.gaps, delay, last, math.inf)
+    return _merge_gaps(before + tuple(gap for gap in after if gap[1] > joint))
 
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float

@@ -126,6 +126,7 @@ class _Bag:
         self._writer.finish()
 
     def _schema(self, kind: type) -> int:
+        """Return the number of the schema of a message class, registered at first use."""
         name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
         if name not in self._schemas:
             self._schemas[name] = self._writer.register_schema(

@@ -41,21 +41,23 @@ class LocalFrames:
         self._unknown: dict[str, str] = {}  # Why the frame of a UAV is unknown, by the UAV's name.
         self.moves: dict[str, str] = {}
         for name, vehicle in vehicles.items():
-            reference = current().uavs[name].reference
-            source = REFERENCES.get(reference)
-            if source is not None:
-                topics = [f'{vehicle}/{topic}' for topic in source.topics]
-                self._unknown[name] = (
-                    f'where its frame begins has not come on {" or ".join(topics)}')
-                kind, = import_messages(
-                    f'{name}.reference', reference, source, [source.kind])
-                check_versions(node, [source.kind])
-                callback = partial(self._on_message, name, source.read)
-                for topic in topics:
-                    node.create_subscription(
-                        kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
-                    # The latched subscription gets a message from before this node's start.
-                    node.create_subscription(kind, topic, callback, LATCHED)
+            self._subscribe(node, name, vehicle, current().uavs[name].reference)
+
+    def _subscribe(self, node: Node, name: str, vehicle: str, reference: str) -> None:
+        """Subscribe to where a UAV's autopilot reports the origin of its frame, if it does."""
+        source = REFERENCES.get(reference)
+        if source is None:
+            return
+        topics = [f'{vehicle}/{topic}' for topic in source.topics]
+        self._unknown[name] = f'where its frame begins has not come on {" or ".join(topics)}'
+        kind, = import_messages(f'{name}.reference', reference, source, [source.kind])
+        check_versions(node, [source.kind])
+        callback = partial(self._on_message, name, source.read)
+        for topic in topics:
+            node.create_subscription(
+                kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
+            # The latched subscription gets a message from before this node's start.
+            node.create_subscription(kind, topic, callback, LATCHED)
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """

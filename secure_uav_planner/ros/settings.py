@@ -111,9 +111,6 @@ def _overrides(node: Node) -> dict[str, Parameter]:
     return overrides
 
 
-# From parameters to settings
-
-
 def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **made: Any
                   ) -> Kind:
     """Return settings with `made` fields; each other field is the parameter of the same name."""
@@ -146,9 +143,6 @@ class FrameSettings(Protocol):
     @property
     def origin(self) -> Origin | None:
         """Place on Earth of the mission's origin, or None."""
-
-
-# From parameters to a mission
 
 
 def check_references(values: Mapping[str, Any]) -> None:
@@ -220,9 +214,6 @@ def points_from(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
         raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
                              'coordinates x1, y1, x2, y2, ...')
     return tuple(zip(numbers[::2], numbers[1::2], strict=True))
-
-
-# From a mission to parameters
 
 
 def load_mission(file: str) -> dict[str, Any]:

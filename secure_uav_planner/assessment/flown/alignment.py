@@ -136,16 +136,13 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
         raise LogFileError(f'the log covers less than {_LEAST_OVERLAP:.0%} of the plan')
     lags += first
     rms, seconds = math.sqrt(means[best]), _refine_lag(lags, means, best)
-    apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
-    is_minimum = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] <= apart[1:], True]
-    apart[~is_minimum] = np.inf
-    second = int(np.argmin(apart))
-    if math.sqrt(apart[second]) < _ALIKE * rms + _ALIKE_M:
+    second, second_rms = _find_second_minimum(lags, means, best)
+    if second_rms < _ALIKE * rms + _ALIKE_M:
         if rms > _POOR * np.ptp(course.at(_sample_times(course)).positions, axis=1).max():
             raise LogFileError(f'no time fits: it flies {rms:.0f} m RMS from the plan at best')
         raise LogFileError(
             f'two times fit alike: shifts of {lags[best]:.1f} s ({rms:.2f} m) and '
-            f'{lags[second]:.1f} s ({math.sqrt(apart[second]):.2f} m); give --at utc, or cut the '
+            f'{lags[second]:.1f} s ({second_rms:.2f} m); give --at utc, or cut the '
             'log to one flight')
     # The mean square rises by (speed * delay)^2 away from its minimum.
     rise = max(float(np.diff(means[max(best - 1, 0):best + 2], 2).sum()), 0.0) / 2
@@ -153,6 +150,20 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     if not math.isfinite(rise) or rise == 0.0:
         return Shift(seconds, STEP_S, rms)
     return Shift(seconds, rms * STEP_S / math.sqrt(rise * independent), rms)
+
+
+def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, float]:
+    """
+    Return the index of the least local minimum apart from the best one, and its RMS [m].
+
+    :param lags: lags in steps of STEP_S, (L,).
+    :param means: mean squared distance at each lag, (L,) in m^2.
+    """
+    apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
+    is_minimum = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] <= apart[1:], True]
+    apart[~is_minimum] = np.inf
+    second = int(np.argmin(apart))
+    return second, math.sqrt(apart[second])
 
 
 def find_delay(positions: Array, course: Course, uav: int) -> float:
@@ -177,6 +188,10 @@ def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], 
     """
     Measure how far tracks are from their course at each lag.
 
+    The sum of |flown - planned|^2 over the samples that a lag compares is expanded to
+    sum |flown|^2 + sum |planned|^2 - 2 sum flown . planned; each sum is a correlation. A frame
+    that may lie anywhere moves so that the mean difference is 0.
+
     :param tracks: positions (K, 2) in m in steps of STEP_S; NaN in gaps.
     :return: lags (L,) in s of the first sample behind the time of the plan, mean squared distances
         (L,) in m^2, and numbers of samples compared (L,).
@@ -185,19 +200,20 @@ def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], 
     planned = course.at(times).positions
     squares, weights = np.zeros(1), np.zeros(1)
     for track, uav in zip(tracks, uavs, strict=True):
+        # Coordinates (2, K) of both, from centres near them, to keep the digits of differences.
         path = planned[uav].T
         centre = path.mean(axis=1, keepdims=True)
-        inside = np.isfinite(track[:, 0]).astype(float)
+        covered = np.isfinite(track[:, 0]).astype(float)
         middle = np.nanmean(track, axis=0)[:, None] if is_moved else centre
-        flown, path = np.where(inside, track.T - middle, 0.0), path - centre
+        flown, path = np.where(covered, track.T - middle, 0.0), path - centre
         ones = np.ones(len(times))
-        number = _correlate(inside, ones)
+        number = _correlate(covered, ones)
         squares = squares + _correlate((flown**2).sum(axis=0), ones) + _correlate(
-            inside, (path**2).sum(axis=0)) - 2 * sum(map(_correlate, flown, path))
+            covered, (path**2).sum(axis=0)) - 2 * sum(map(_correlate, flown, path))
         if is_moved:
-            sums = np.stack([_correlate(row, ones) - _correlate(inside, target)
-                             for row, target in zip(flown, path)])
-            squares = squares - (sums**2).sum(axis=0) / np.maximum(number, 1.0)
+            differences = np.stack([_correlate(row, ones) - _correlate(covered, target)
+                                    for row, target in zip(flown, path)])
+            squares = squares - (differences**2).sum(axis=0) / np.maximum(number, 1.0)
         weights = weights + number
     lags = STEP_S * (np.arange(len(weights)) - (len(times) - 1)) - times[0]
     return lags, np.maximum(squares, 0.0) / np.maximum(weights, 1.0), weights

@@ -50,30 +50,13 @@ class FlightBag:
 
         :raises LogFileError: for a bag without a flight of this plan.
         """
-        plans = {item.identity: item for item in (plan, *(item for _, item in self.plans))}
-        published = [item.identity for _, item in self.plans]
-        reported = [report.identity for report in self.reports]
-        if (published or reported) and plan.identity not in {*published, *reported}:
-            raise LogFileError(f'it is a flight of the plan {[*published, *reported][-1]}; the '
-                               f'plan that was given is {plan.identity}')
-        revisions = {identity: item for identity, item in plans.items() if (
-            item.start_ns == plan.start_ns and item.scenario.times.shape
-            == plan.scenario.times.shape and (item.scenario.times == plan.scenario.times).all())}
         start_ns = plan.start_ns or 0
+        revisions = self._find_revisions(plan)
         if not self.reports:
             times = [(item.identity, (time_ns - start_ns) * 1e-9) for time_ns, item in self.plans]
             return self.logs, _make_course(
                 [pair for pair in times if pair[0] in revisions], revisions, plan)
-        flown = [report for report in self.reports if report.identity in revisions]
-        if not flown:
-            raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
-        notes = []
-        restarts = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
-        if len(restarts):
-            flown = flown[restarts[-1] + 1:]
-            notes.append(f'the plan was begun {len(restarts) + 1} times: the last flight counts')
-        notes += [f'the plan {identity} was flown, too: it is compared if it is given'
-                  for identity in dict.fromkeys(reported) if identity not in revisions]
+        flown, notes = self._find_last_flight(revisions, plan)
         for identity in revisions:
             revisions[identity] = _end_promise(revisions[identity], flown)
         course = _make_course([(report.identity, (report.plan_ns - start_ns) * 1e-9)
@@ -82,10 +65,47 @@ class FlightBag:
         return {name: replace(log, plan_times=plan_times, notes=(*log.notes, *notes))
                 for name, log in self.logs.items()}, course
 
+    def _find_revisions(self, plan: Plan) -> dict[str, Plan]:
+        """
+        Return the plans by identity that have the start and the points' times of a plan.
+
+        :raises LogFileError: if plans were published or flown, and the given one was not.
+        """
+        plans = {item.identity: item for item in (plan, *(item for _, item in self.plans))}
+        others = [*(item.identity for _, item in self.plans),
+                  *(report.identity for report in self.reports)]
+        if others and plan.identity not in others:
+            raise LogFileError(f'it is a flight of the plan {others[-1]}; the plan that was given '
+                               f'is {plan.identity}')
+        return {identity: item for identity, item in plans.items()
+                if item.start_ns == plan.start_ns
+                and np.array_equal(item.scenario.times, plan.scenario.times)}
+
+    def _find_last_flight(self, revisions: dict[str, Plan], plan: Plan
+                          ) -> tuple[list[Report], list[str]]:
+        """Return the reports of the last flight of revisions of a plan, and notes on others."""
+        flown = [report for report in self.reports if report.identity in revisions]
+        if not flown:
+            raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
+        notes = []
+        restarts = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
+        if len(restarts):
+            flown = flown[restarts[-1] + 1:]
+            notes.append(f'the plan was begun {len(restarts) + 1} times: the last flight counts')
+        others = dict.fromkeys(report.identity for report in self.reports)
+        return flown, notes + [f'the plan {identity} was flown, too: it is compared if it is given'
+                               for identity in others if identity not in revisions]
+
 
 def _make_course(times: Iterable[tuple[str, float]], plans: dict[str, Plan], given: Plan
                  ) -> Course:
-    """Return the course of plans by identity, with the times in s at which they were in force."""
+    """
+    Return the course of plans that replace each other.
+
+    :param times: identity of the plan that was in force at each of increasing times [s].
+    :param plans: the plans by identity.
+    :param given: the plan of the course without any times.
+    """
     changes: list[tuple[str, float]] = []
     for identity, time in times:
         if not changes or changes[-1][0] != identity:
@@ -133,37 +153,11 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
 
     Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, where there are any.
     """
-    from rosbags.highlevel import AnyReader  # Here, since few need it.
-    from rosbags.typesys import get_typestore, Stores
-    states: dict[str, list[tuple[float, ...]]] = {uav: [] for uav in uavs}
-    clocks: dict[str, list[tuple[int, int]]] = {uav: [] for uav in uavs}
-    powers: dict[str, list[tuple[int, float]]] = {uav: [] for uav in uavs}
-    plans, reports = list[tuple[int, Plan]](), list[Report]()
-    notes = []
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        roles = dict(_choose_topics(reader.connections, uavs))
-        for connection, stamp, data in reader.messages(connections=[
-                item for item in reader.connections if item.topic in roles]):
-            role, uav = roles[connection.topic]
-            message: Any = reader.deserialize(data, connection.msgtype)
-            if role == 'odom':
-                clocks[uav].append((stamp, _nanoseconds(message.header.stamp) or stamp))
-                states[uav].append(_list_state(message))
-            elif role == 'power':
-                powers[uav].append((stamp, float(message.data)))
-            elif role == 'plan_time':
-                reports.append(Report(_nanoseconds(message.header.stamp),
-                                      _nanoseconds(message.time_ref),
-                                      message.source.partition(' ')[0]))
-            else:
-                try:
-                    plans.append((stamp, parse_text(message.data, Plan)[0]))
-                except PlanFileError as error:
-                    notes.append(f'{connection.topic} has no plan: {error}')
-    flying = [uav for uav in uavs if states[uav]]
+    messages = _read_messages(path, uavs)
+    flying = [uav for uav in uavs if messages.states[uav]]
     if not flying:
         raise LogFileError(f'it has no odometry of {uavs[0]} (a topic {uavs[0]}/odom)')
-    stamps, headers = np.concatenate([np.array(clocks[uav]) for uav in flying]).T
+    stamps, headers = np.concatenate([np.array(messages.clocks[uav]) for uav in flying]).T
     order = np.argsort(stamps, kind='stable')
     origin_ns, arrival_ns = int(headers.min()), int(stamps.min())
 
@@ -174,15 +168,64 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
 
     logs = {}
     for uav in flying:
-        table = np.array(states[uav])
-        arrivals, watts = np.array(powers[uav]).reshape(-1, 2).T
+        state, powers = np.array(messages.states[uav]), messages.powers[uav]
+        times = (np.array([header for _, header in messages.clocks[uav]]) - origin_ns) * 1e-9
         logs[uav] = VehicleLog(
-            (np.array([header for _, header in clocks[uav]]) - origin_ns) * 1e-9, table[:, :3],
-            table[:, 3:], origin_ns * 1e-9, notes=tuple(notes),
-            powers=(to_clock([stamp for stamp, _ in powers[uav]]) * 1e-9, watts)
-            if powers[uav] else None)
+            times, state[:, :3], state[:, 3:], origin_ns * 1e-9, notes=tuple(messages.notes),
+            powers=(to_clock([stamp for stamp, _ in powers]) * 1e-9,
+                    np.array([watts for _, watts in powers])) if powers else None)
     return FlightBag(origin_ns, logs, [
-        (origin_ns + int(to_clock(stamp)), plan) for stamp, plan in plans], sorted(reports))
+        (origin_ns + int(to_clock(stamp)), plan) for stamp, plan in messages.plans],
+        sorted(messages.reports))
+
+
+class _Messages(NamedTuple):
+    """
+    What is read of a bag's messages, with times of arrival in ns where not said otherwise.
+
+    :ivar states: (x, y, z, u, v) of each UAV in m and m/s.
+    :ivar clocks: for each of these states the times of arrival and of its header.
+    :ivar powers: pairs of a time and a power [W] of each UAV.
+    :ivar plans: pairs of a time and a plan.
+    :ivar reports: reports on plan_time.
+    :ivar notes: what could not be read, in words.
+    """
+
+    states: dict[str, list[tuple[float, ...]]]
+    clocks: dict[str, list[tuple[int, int]]]
+    powers: dict[str, list[tuple[int, float]]]
+    plans: list[tuple[int, Plan]]
+    reports: list[Report]
+    notes: list[str]
+
+
+def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messages:
+    """Return what the messages of a bag say of UAVs."""
+    from rosbags.highlevel import AnyReader  # Here, since few need it.
+    from rosbags.typesys import get_typestore, Stores
+    read = _Messages({uav: [] for uav in uavs}, {uav: [] for uav in uavs},
+                     {uav: [] for uav in uavs}, [], [], [])
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        roles = dict(_choose_topics(reader.connections, uavs))
+        for connection, stamp, data in reader.messages(connections=[
+                item for item in reader.connections if item.topic in roles]):
+            role, uav = roles[connection.topic]
+            message: Any = reader.deserialize(data, connection.msgtype)
+            if role == 'odom':
+                read.clocks[uav].append((stamp, _nanoseconds(message.header.stamp) or stamp))
+                read.states[uav].append(_list_state(message))
+            elif role == 'power':
+                read.powers[uav].append((stamp, float(message.data)))
+            elif role == 'plan_time':
+                read.reports.append(Report(_nanoseconds(message.header.stamp),
+                                           _nanoseconds(message.time_ref),
+                                           message.source.partition(' ')[0]))
+            else:
+                try:
+                    read.plans.append((stamp, parse_text(message.data, Plan)[0]))
+                except PlanFileError as error:
+                    read.notes.append(f'{connection.topic} has no plan: {error}')
+    return read
 
 
 def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]

@@ -200,16 +200,16 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     measured = {uav.name: measure_errors(flight, index)
                 for index, uav in enumerate(plan.scenario.uavs)}
     covered = _find_covered(flight)
+    # Rates of each ground node times its shares, (G, N) in bit/s/Hz, by objective.
     achieved, planned = ({kind: np.full(plan.shares.shape, np.nan) for kind in OBJECTIVES}
                          for _ in range(2))
     promised = np.zeros(plan.scenario.slots, bool)
+    # A leg is a plan with the slots in which it was in force.
     for leg, slots in flight.course.split_slots():
-        promised[slots] = leg.promised_slots[slots]
-        for kind, find_rates in NODE_RATES.items():
-            for rates, chosen, state_at in (
-                    (planned, slots, _plan_state(leg, slots)),
-                    (achieved, slots[covered[slots]],
-                     _fly_state(flight, leg, slots[covered[slots]]))):
+        promised[slots], flown = leg.promised_slots[slots], slots[covered[slots]]
+        for rates, chosen, state_at in ((planned, slots, _plan_state(leg, slots)),
+                                        (achieved, flown, _fly_state(flight, leg, flown))):
+            for kind, find_rates in NODE_RATES.items():
                 means = mean_node_rates(leg.scenario, find_rates, state_at, chosen)
                 rates[kind][:, chosen] = leg.shares[:, chosen] * np.maximum(means, 0.0)
     return Comparison(
@@ -244,10 +244,11 @@ def _fly_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
 
 
 def _find_covered(flight: FlownFlight) -> NDArray[np.bool_]:
-    """Return which slots the logs of all UAVs cover, (N,)."""
+    """Return which slots are covered, (N,): all logs have positions at all times within."""
     scenario = flight.plan.scenario
     edges = scenario.slot_duration * np.arange(1, scenario.slots + 2)
     first = np.searchsorted(flight.times, edges - STEP_S / 10)
+    # Whether all logs have a position at each of flight.times, and after the last one.
     in_all = np.append(flight.covered.all(axis=0), flight.covered[:, -1].all())
     covered: NDArray[np.bool_] = np.logical_and.reduceat(
         in_all, np.minimum(first, len(in_all) - 1))[:-1]

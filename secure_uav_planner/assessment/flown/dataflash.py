@@ -7,6 +7,7 @@ import numpy as np
 
 from .log import check_magic, describe_mode, VehicleLog
 from ...errors import LogFileError
+from ...mission.validation import Array
 
 _ESTIMATES = ('XKF1', 'NKF1')  # The message of the newer estimator, then the older.
 _GPS_EPOCH_S = 315964800  # UTC of the beginning of the GPS weeks.
@@ -39,8 +40,8 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
         reader.close()
 
 
-def _read(reader: Any) -> VehicleLog:
-    """Return the log of a DataFlash reader; raise a LogFileError without positions."""
+def _read_table(reader: Any) -> dict[str, Array]:
+    """Return the messages of each type that is used: rows of the time [s] and its columns."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
@@ -50,11 +51,17 @@ def _read(reader: Any) -> VehicleLog:
         name = message.get_type()
         rows[name].append((message.TimeUS * _US, *(
             float(getattr(message, column, 0.0)) for column in columns[name])))
-    table = {name: np.array(values) for name, values in rows.items() if values}
+    return {name: np.array(values) for name, values in rows.items() if values}
+
+
+def _read(reader: Any) -> VehicleLog:
+    """Return the log of a DataFlash reader; raise a LogFileError without positions."""
+    table = _read_table(reader)
     estimate = next((table[name] for name in _ESTIMATES if name in table), None)
     if estimate is None:
         raise LogFileError('it has no positions of an estimator (XKF1 or NKF1)')
-    estimate = estimate[estimate[:, 1] == estimate[0, 1].min()]
+    # Column C numbers the estimator's cores; the first message's core is used.
+    estimate = estimate[estimate[:, 1] == estimate[0, 1]]
     up = np.array([1.0, 1.0, -1.0])
     battery = table.get('BAT')
     if battery is not None:

@@ -54,18 +54,7 @@ def read_recording(source: PathLike | Mapping[str, PathLike], plan: Plan) -> Rec
                               'paths', ('source',))
         path = Path(source)
         if path.is_dir() or path.suffix.lower() in (*_BAGS, '.csv'):
-            with refuse_damage(path), silence():
-                path.stat()  # Raises an error if there is no such file.
-                if path.suffix.lower() == '.csv':
-                    logs, course = read_csv(path, names), Course((plan,))
-                else:
-                    logs, course = read_bag(path, names).follow(plan)
-                missing = [name for name in names if name not in logs]
-                if missing:
-                    raise LogFileError(f'it has no positions of {missing[0]}; it has '
-                                       f'{", ".join(logs) or "none"}')
-            return Recording({name: logs[name] for name in names}, dict.fromkeys(names, path),
-                             course, True)
+            return _read_common_file(path, plan, names)
         if len(names) > 1:
             raise OptionError(
                 f'source is {quote(str(path))}; for several UAVs it must be a bag, a .csv, or '
@@ -77,6 +66,22 @@ def read_recording(source: PathLike | Mapping[str, PathLike], plan: Plan) -> Rec
     files = {name: Path(checked_path(source[name])) for name in names}
     return Recording({name: _read_log(path, name) for name, path in files.items()}, files,
                      Course((plan,)), len(names) == 1)
+
+
+def _read_common_file(path: Path, plan: Plan, names: tuple[str, ...]) -> Recording:
+    """Return the recording of all UAVs in one bag or CSV file."""
+    with refuse_damage(path), silence():
+        path.stat()  # Raises an error if there is no such file.
+        if path.suffix.lower() == '.csv':
+            logs, course = read_csv(path, names), Course((plan,))
+        else:
+            logs, course = read_bag(path, names).follow(plan)
+        missing = [name for name in names if name not in logs]
+        if missing:
+            raise LogFileError(f'it has no positions of {missing[0]}; it has '
+                               f'{", ".join(logs) or "none"}')
+    return Recording({name: logs[name] for name in names}, dict.fromkeys(names, path), course,
+                     True)
 
 
 def _read_log(path: Path, name: str) -> VehicleLog:

@@ -21,6 +21,7 @@ def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
     from pyulog import ULog  # Here, since few need it.
     topics: dict[str, Any] = {}
     for dataset in ULog(os.fspath(path), _TOPICS, disable_str_exceptions=True).data_list:
+        # A topic may have several instances, such as two batteries; the first one counts.
         if dataset.multi_id == 0 or dataset.name not in topics:
             topics[dataset.name] = dataset.data
     if 'vehicle_local_position' not in topics:
@@ -33,6 +34,7 @@ def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
     velocities = _to_enu(local, 'vx', 'vy', 'vz')[valid, :2] if 'vx' in local else None
     positions, reference = _join_frames(local, _to_enu(local, 'x', 'y', 'z'))
     setpoints = topics.get('trajectory_setpoint')
+    # Older versions of PX4 have the columns x, y, z instead of position.
     if setpoints is not None and 'x' not in setpoints:
         setpoints = {**setpoints, **{
             name: setpoints[f'position[{index}]'] for index, name in enumerate('xyz')}}

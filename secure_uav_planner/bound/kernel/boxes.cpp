@@ -56,6 +56,8 @@ public:
     }
 
 private:
+    // A function: its index, the bound that is low enough (incumbent plus tolerance), its bound over
+    // the boxes that need no halving, and the number of its boxes so far.
     struct Function {
         std::size_t number;
         double enough, tolerance, bound, boxes;
@@ -75,7 +77,8 @@ private:
         std::size_t begin, end;
     };
 
-    // Bound the functions that need a box, and halve it for those whose bound is too large.
+    // Bound the functions that need a box, and halve it for those whose bound is too large. The
+    // box is cut for the function whose bound is loosest.
     void visit(Node& node) {
         Box& box = node.box;
         terms_.expand(group_, box, parts_.data());
@@ -86,16 +89,12 @@ private:
         std::size_t cut = 0;
         for (std::size_t i = node.begin; i < node.end; ++i) {
             Function& function = functions_[items_[i].function];
-            double bound = items_[i].bound;
+            double bound = items_[i].bound;  // The bound over the parent box holds here as well.
             const bool ended = function.boxes++ >= budget_;
             // Written so that a NaN is never dropped.
             if (!(bound <= function.enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = terms_.sum(function.number, parts_.data());
-                if (box.centre_in_set && f.value + function.tolerance > function.enough) {
-                    function.enough = f.value + function.tolerance;
-                    std::copy(box.centre, box.centre + 3, function.best);
-                    function.exceeds = true;
-                }
+                raise_incumbent(function, box, f.value);
                 bound = terms_.bound(group_, box, f, function.enough);
                 if (!ended && !(bound <= function.enough)) {
                     next_items_.push_back({items_[i].function, bound});
@@ -110,6 +109,14 @@ private:
             function.bound = std::isnan(bound) ? bound : std::max(function.bound, bound);
         }
         if (next_items_.size() > begin) halve(box, cut, loosest, begin);
+    }
+
+    // Take the centre of a box as a function's best point if its value exceeds the incumbent.
+    static void raise_incumbent(Function& function, const Box& box, double value) {
+        if (!box.centre_in_set || !(value + function.tolerance > function.enough)) return;
+        function.enough = value + function.tolerance;
+        std::copy(box.centre, box.centre + 3, function.best);
+        function.exceeds = true;
     }
 
     // Add both halves of a box to the next level, where they share the items from `begin` on. The

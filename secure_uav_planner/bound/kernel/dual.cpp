@@ -50,14 +50,8 @@ public:
             const double length = quadratic_ ? 0.0 : sum_lengths(g, 0, nullptr);
             std::size_t best = 0;
             for (std::size_t c = 0; c < columns_; ++c) {
-                const std::size_t column = g * columns_ + c;
-                double value =
-                    find_change(g, c) + (quadratic_ ? sum_lengths(g, c, nullptr) : length)
-                    + weights_[g] * ground_[column];
-                for (std::size_t i = 0; i < eavesdroppers_; ++i)
-                    value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
-                values_[c] = value;
-                if (value > values_[best]) best = c;
+                values_[c] = find_value(g, c, quadratic_ ? sum_lengths(g, c, nullptr) : length);
+                if (values_[c] > values_[best]) best = c;
             }
             visit(g, best);
         }
@@ -70,9 +64,9 @@ public:
 
     // Find tau log sum exp(value / tau) over the columns of group g, whose values `evaluate` has
     // just filled; `best` is the index of the largest one. Unless `slope` is null, fill the slope
-    // and the Hessian by the group's unknowns: v, the potentials at both edges, and the price.
+    // (F) and the Hessian (F, F) by the group's unknowns: v, the potentials at both edges, and the
+    // price.
     double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
-        const std::size_t e = eavesdroppers_, f = features_;
         const double top = values_[best];
         double total = 0.0;
         for (double& value : values_) {
@@ -80,31 +74,29 @@ public:
             value = log_weight > LEAST_LOG ? std::exp(log_weight) : 0.0;
             total += value;
         }
-        const double value = top + tau_ * std::log(total);
-        if (!slope) return value;
+        if (slope) differentiate(g, total, slope, hessian);
+        return top + tau_ * std::log(total);
+    }
+
+private:
+    // Fill the derivatives of the smoothed maximum of group g. values_ has a weight of each column,
+    // and `total` is their sum. With the shares r, and the slope g and Hessian H of each column,
+    // the slope is m = sum of r g, and the Hessian is sum of r (H + g g' / tau) - m m' / tau.
+    void differentiate(std::size_t g, double total, double* slope, double* hessian) {
+        const std::size_t f = features_;
         std::fill(slope, slope + f, 0.0);
         std::fill(hessian, hessian + f * f, 0.0);
         row_.resize(f);
         for (std::size_t c = 0; c < columns_; ++c) {
-            const double weight = values_[c] / total;
-            if (weight < NEGLIGIBLE) continue;
-            const std::size_t column = g * columns_ + c;
-            // The row becomes the slope of the column's value. Lengths that are the same at all
-            // columns are added below.
-            std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
-            std::fill(row_.begin() + e, row_.end(), 0.0);
-            double phi[5];
-            find_monomials(&place_[2 * column], phi);
-            for (std::size_t i = 0; i < base_; ++i) {
-                row_[e + i] -= phi[i] / count_[g];
-                row_[e + width_ + i] += phi[i] / count_[g];
-            }
-            row_[f - 1] = -power_[column];
-            if (quadratic_) add_lengths(g, c, weight, hessian);
-            for (std::size_t i = 0; i < f; ++i) slope[i] += weight * row_[i];
-            add_square(hessian, weight / tau_, row_.data(), 0, f);
+            const double share = values_[c] / total;
+            if (share < NEGLIGIBLE) continue;
+            find_slope(g, c);
+            if (quadratic_) add_lengths(g, c, share, hessian);
+            for (std::size_t i = 0; i < f; ++i) slope[i] += share * row_[i];
+            add_square(hessian, share / tau_, row_.data(), 0, f);
         }
         add_square(hessian, -1.0 / tau_, slope, 0, f);
+        // The lengths of linear potentials are the same at all columns.
         if (!quadratic_) {
             std::fill(row_.begin(), row_.end(), 0.0);
             add_lengths(g, 0, 1.0, hessian);
@@ -112,10 +104,22 @@ public:
         }
         for (std::size_t i = 0; i < f; ++i)
             for (std::size_t j = 0; j < i; ++j) hessian[j * f + i] = hessian[i * f + j];
-        return value;
     }
 
-private:
+    // Fill row_ with the slope of a column's value, without its lengths.
+    void find_slope(std::size_t g, std::size_t c) {
+        const std::size_t e = eavesdroppers_, column = g * columns_ + c;
+        std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
+        std::fill(row_.begin() + e, row_.end(), 0.0);
+        double phi[5];
+        find_monomials(&place_[2 * column], phi);
+        for (std::size_t i = 0; i < base_; ++i) {
+            row_[e + i] -= phi[i] / count_[g];
+            row_[e + width_ + i] += phi[i] / count_[g];
+        }
+        row_[features_ - 1] = -power_[column];
+    }
+
     // The smoothed length |u + S q| at an edge, for derivatives: `factor` is the weight over the
     // norm, (n0, n1) the direction, and `smoothing` is delta over the norm.
     struct Length {
@@ -123,9 +127,19 @@ private:
     };
 
     const double* potential(std::size_t edge) const { return &potentials_[edge * width_]; }
+    // Fill (x, y, x^2 / 2, x y, y^2 / 2), by which u and S enter u . q + q . S q / 2.
     static void find_monomials(const double* q, double* phi) {
         const double x = q[0], y = q[1], all[5] = {x, y, x * x / 2, x * y, y * y / 2};
         std::copy(all, all + 5, phi);
+    }
+
+    // Find a column's value: change of the potential, lengths, w0 ground + v . leaks.
+    double find_value(std::size_t g, std::size_t c, double lengths) const {
+        const std::size_t column = g * columns_ + c;
+        double value = find_change(g, c) + lengths + weights_[g] * ground_[column];
+        for (std::size_t i = 0; i < eavesdroppers_; ++i)
+            value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
+        return value;
     }
 
     // Find the change of the potential in a slot at a column, minus the price of its power.
@@ -166,9 +180,10 @@ private:
         return value;
     }
 
-    // Find the derivative of a . (u + S q + the change of w) by the potentials at both edges.
+    // Fill `row` with the derivative of a . (u + S q + change of w), u and S of one edge, by the
+    // potentials at both edges; a is (a0, a1).
     void apply_chain_rule(std::size_t g, std::size_t c, std::size_t edge, double a0, double a1,
-               double* row) const {
+                          double* row) const {
         std::fill(row, row + MOST_ENTRIES, 0.0);
         double* own = row + edge * width_;
         const double* q = &place_[2 * (g * columns_ + c)];
@@ -210,7 +225,8 @@ private:
         }
     }
 
-    // Add factor row row' to the lower triangle of a matrix, from `first` on.
+    // Add factor x x' to the lower triangle of a Hessian's rows and columns from `first` to `last`,
+    // where x is `row` and has last - first entries.
     void add_square(double* matrix, double factor, const double* row, std::size_t first,
                     std::size_t last) const {
         for (std::size_t i = first; i < last; ++i) {

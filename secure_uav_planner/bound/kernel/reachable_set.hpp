@@ -87,7 +87,11 @@ public:
         box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
     }
 
-    // An upper bound of ga x + gb y in the two discs; ReachableSet.corner derives it (lemma 6).
+    // An upper bound of g . q in the two discs, g = (ga, gb); lemma 6 is in ReachableSet.corner.
+    //
+    // It is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0), where
+    // s is a multiple of the far disc's normal at the corner, so that g - s is one of the near
+    // disc's normal.
     double support(double ga, double gb, std::size_t group) const {
         const double near = from_start_[group], far = to_goal_[group];
         const double along = corner_[2 * group], across = corner_[2 * group + 1];

@@ -67,16 +67,9 @@ public:
     // Minimise the bound approximately over the eavesdroppers' multipliers v, beginning at the
     // given v, which a better result replaces.
     void minimise(double* v) {
-        const std::size_t count = listeners_.size();
         const double before = find_bound(v);
         if (!std::isfinite(before)) return;
-        std::vector<double> point(count);
-        double sum = 0.0;
-        for (std::size_t e = 0; e < count; ++e)
-            sum += point[e] = std::max(v[e], INTERIOR * weight_ / double(count));
-        const double most = weight_ * (1 - LEAST_SLACK);
-        if (sum > most)
-            for (double& part : point) part *= most / sum;
+        std::vector<double> point = move_inside(v);
         for (const double tau : TEMPERATURES) {
             for (Uav& uav : uavs_) extend(uav, point.data());
             descend(point, tau);
@@ -84,7 +77,7 @@ public:
         if (find_bound(point.data()) < before) std::copy(point.begin(), point.end(), v);
     }
 
-    // The bound at v, with the largest values of all columns.
+    // The bound at v [nats], with the largest values of all columns.
     double find_bound(const double* v) {
         double sum = constant(v);
         for (std::size_t uav = 0; uav < uavs_.size(); ++uav) sum += find_maximum(uav, v);
@@ -119,6 +112,19 @@ private:
         const double* leaks;
     };
 
+    // Return v moved to where the barriers are finite: every v above 0, and their sum below w0.
+    std::vector<double> move_inside(const double* v) const {
+        const std::size_t count = listeners_.size();
+        std::vector<double> point(count);
+        double sum = 0.0;
+        for (std::size_t e = 0; e < count; ++e)
+            sum += point[e] = std::max(v[e], INTERIOR * weight_ / double(count));
+        const double most = weight_ * (1 - LEAST_SLACK);
+        if (sum > most)
+            for (double& part : point) part *= most / sum;
+        return point;
+    }
+
     // All columns of a UAV, and the list of columns that the smoothed bound uses.
     struct Uav {
         std::vector<Column> columns, list;
@@ -141,23 +147,17 @@ private:
             uav.list.push_back(uav.columns[order_[i].second]);
     }
 
-    // Take damped Newton steps on the smoothed bound.
+    // Move v by Newton steps on the smoothed bound, each halved until it lowers the bound enough.
     void descend(std::vector<double>& v, double tau) {
         const std::size_t count = v.size();
         for (int step = 0; step < NEWTON_STEPS; ++step) {
             const double before = smooth(v, tau, true);
             step_ = gradient_;
             if (!kernel::solve_dense(hessian_.data(), step_.data(), int(count))) return;
-            double decrease = 0.0, sum = 0.0, total = 0.0, length = 1.0;
-            for (std::size_t e = 0; e < count; ++e) {
-                decrease += step_[e] * gradient_[e];
-                if (step_[e] > 0) length = std::min(length, MOST_OF_WAY * v[e] / step_[e]);
-                sum -= step_[e];
-                total += v[e];
-            }
+            double decrease = 0.0;
+            for (std::size_t e = 0; e < count; ++e) decrease += step_[e] * gradient_[e];
             if (!(decrease >= ENOUGH * tau)) return;
-            if (sum > 0) length = std::min(length, MOST_OF_WAY * (weight_ - total) / sum);
-            for (;; length /= 2) {
+            for (double length = find_longest_step(v);; length /= 2) {
                 if (length < 1e-8) return;
                 for (std::size_t e = 0; e < count; ++e) trial_[e] = v[e] - length * step_[e];
                 if (smooth(trial_, tau, false) <= before - 0.1 * length * decrease) break;
@@ -166,39 +166,57 @@ private:
         }
     }
 
-    // The smoothed bound on the lists of columns, with barriers; its gradient and Hessian by v.
+    // The largest length, at most 1, with which v - length step_ stays within its bounds:
+    // MOST_OF_WAY of the way to where a v is 0 or the sum of v is w0.
+    double find_longest_step(const std::vector<double>& v) const {
+        double sum = 0.0, total = 0.0, length = 1.0;
+        for (std::size_t e = 0; e < v.size(); ++e) {
+            if (step_[e] > 0) length = std::min(length, MOST_OF_WAY * v[e] / step_[e]);
+            sum -= step_[e];
+            total += v[e];
+        }
+        return sum > 0 ? std::min(length, MOST_OF_WAY * (weight_ - total) / sum) : length;
+    }
+
+    // Return the smoothed bound on the lists of columns, with the barriers. If `differentiate`,
+    // fill gradient_ and hessian_ by v.
     double smooth(const std::vector<double>& v, double tau, bool differentiate) {
-        const std::size_t count = v.size();
         double bound = constant(v.data()), sum = 0.0;
         for (const double part : v) {
             sum += part;
             bound -= BARRIER * tau * std::log(std::max(part, TINY));
         }
-        const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
-        bound -= BARRIER * tau * std::log(slack);
-        if (differentiate) {
-            const double best = slack / std::max(price_, TINY), power = std::min(best, peak_);
-            const double slope = BARRIER * tau / slack - std::log(std::max(power, TINY) * rest);
-            const double curvature = (best < peak_ ? 1 / slack : 0.0) + 1 / rest
-                + BARRIER * tau / (slack * slack);
-            gradient_.assign(count, slope);
-            hessian_.assign(count * count, curvature);
-            for (std::size_t e = 0; e < count; ++e) {
-                const double total = std::max(totals_[listeners_[e]], TINY);
-                gradient_[e] += std::log(total) - BARRIER * tau / v[e];
-                hessian_[e * count + e] += BARRIER * tau / (v[e] * v[e]);
-                for (std::size_t f = 0; f < count; ++f)
-                    if (listeners_[e] == listeners_[f]) hessian_[e * count + f] += 1 / total;
-            }
-        }
+        bound -= BARRIER * tau * std::log(std::max(weight_ - sum, TINY));
+        if (differentiate) differentiate_constant(v, sum, tau);
         for (const Uav& uav : uavs_) bound += smooth_maximum(uav, v, tau, differentiate);
         return bound;
+    }
+
+    // Fill gradient_ and hessian_ with the derivatives of m(w0 - s) - H(v) and of the barriers by
+    // v, with the sum s. m has the gradient -log p and, with p below the peak, the Hessian
+    // 1 / (w0 - s). -H has the gradient log t - log(1 - s) and the Hessian 1 / (1 - s), plus 1 / t
+    // for places of one listener; t is the sum of v of the listener.
+    void differentiate_constant(const std::vector<double>& v, double sum, double tau) {
+        const std::size_t count = v.size();
+        const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
+        const double best = slack / std::max(price_, TINY), power = std::min(best, peak_);
+        const double slope = BARRIER * tau / slack - std::log(std::max(power, TINY) * rest);
+        const double curvature = (best < peak_ ? 1 / slack : 0.0) + 1 / rest
+            + BARRIER * tau / (slack * slack);
+        gradient_.assign(count, slope);
+        hessian_.assign(count * count, curvature);
+        for (std::size_t e = 0; e < count; ++e) {
+            const double total = std::max(totals_[listeners_[e]], TINY);
+            gradient_[e] += std::log(total) - BARRIER * tau / v[e];
+            hessian_[e * count + e] += BARRIER * tau / (v[e] * v[e]);
+            for (std::size_t f = 0; f < count; ++f)
+                if (listeners_[e] == listeners_[f]) hessian_[e * count + f] += 1 / total;
+        }
     }
 
     // Return the smoothed largest value of a UAV's list; add its derivatives to gradient and Hessian.
     double smooth_maximum(const Uav& uav, const std::vector<double>& v, double tau,
                           bool differentiate) {
-        const std::size_t count = v.size();
         weights_.clear();
         double top = -kernel::INFINITE, total = 0.0;
         for (const Column& column : uav.list) {
@@ -206,24 +224,29 @@ private:
             top = std::max(top, weights_.back());
         }
         for (double& weight : weights_) total += weight = std::exp((weight - top) / tau);
-        if (differentiate) {
-            mean_.assign(count, 0.0);
-            for (std::size_t c = 0; c < weights_.size(); ++c) {
-                const double share = weights_[c] / total, *leaks = uav.list[c].leaks;
-                if (share < 1e-12) continue;
-                for (std::size_t e = 0; e < count; ++e) {
-                    mean_[e] += share * leaks[e];
-                    for (std::size_t f = 0; f < count; ++f)
-                        hessian_[e * count + f] += share / tau * leaks[e] * leaks[f];
-                }
-            }
+        if (differentiate) add_list(uav, total, tau);
+        return top + tau * std::log(total);
+    }
+
+    // Add the derivatives of a UAV's smoothed largest value: the mean m of the leaks, and their
+    // covariance over tau. The columns' weights are in weights_, and `total` is their sum.
+    void add_list(const Uav& uav, double total, double tau) {
+        const std::size_t count = listeners_.size();
+        mean_.assign(count, 0.0);
+        for (std::size_t c = 0; c < weights_.size(); ++c) {
+            const double share = weights_[c] / total, *leaks = uav.list[c].leaks;
+            if (share < 1e-12) continue;
             for (std::size_t e = 0; e < count; ++e) {
-                gradient_[e] += mean_[e];
+                mean_[e] += share * leaks[e];
                 for (std::size_t f = 0; f < count; ++f)
-                    hessian_[e * count + f] -= mean_[e] * mean_[f] / tau;
+                    hessian_[e * count + f] += share / tau * leaks[e] * leaks[f];
             }
         }
-        return top + tau * std::log(total);
+        for (std::size_t e = 0; e < count; ++e) {
+            gradient_[e] += mean_[e];
+            for (std::size_t f = 0; f < count; ++f)
+                hessian_[e * count + f] -= mean_[e] * mean_[f] / tau;
+        }
     }
 
     std::vector<std::size_t> listeners_;
@@ -242,6 +265,19 @@ struct Columns {
           ground(arrays[2].cast<py::buffer>(), "ground", base.size()),
           leaks(arrays[3].cast<py::buffer>(), "leaks"), groups(base.shape(0)),
           count(base.shape(1)) {}
+
+    // Add the columns of group g to a bound at w0: those whose places are between the corners `low`
+    // and `high` of a cell, or all if `low` is null. Only the last UAV is restricted to a cell.
+    void add_to(SlotBound& bound, std::size_t uav, std::size_t g, double w0, const double* low,
+                const double* high) const {
+        const std::size_t places = leaks.size() / base.size();
+        for (std::size_t c = g * count; c < (g + 1) * count; ++c) {
+            const double* q = &place[2 * c];
+            if (!low
+                || (q[0] >= low[0] && q[0] <= high[0] && q[1] >= low[1] && q[1] <= high[1]))
+                bound.add(uav, base[c] + w0 * ground[c], &leaks[c * places]);
+        }
+    }
 
     Array<const double> place, base, ground, leaks;
     std::size_t groups, count;
@@ -272,19 +308,12 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
     const py::gil_scoped_release release;
     SlotBound bound(std::move(owners), price, peak);
     for (std::size_t row = 0; row < rows; ++row) {
-        const std::size_t cell = row % cells;
-        const double *a = &lows[2 * cell], *b = &highs[2 * cell];
+        const std::size_t cell = row % cells, g = std::size_t(groups[cell]);
         bound.begin(w0[row], columns.size());
         for (std::size_t uav = 0; uav < columns.size(); ++uav) {
-            const Columns& own = columns[uav];
-            const std::size_t first = std::size_t(groups[cell]) * own.count;
-            for (std::size_t c = first; c < first + own.count; ++c) {
-                const double* q = &own.place[2 * c];
-                // Only the last UAV's columns are restricted to a cell.
-                if (uav + 1 < columns.size()
-                    || (q[0] >= a[0] && q[0] <= b[0] && q[1] >= a[1] && q[1] <= b[1]))
-                    bound.add(uav, own.base[c] + w0[row] * own.ground[c], &own.leaks[c * places]);
-            }
+            const bool is_last = uav + 1 == columns.size();
+            columns[uav].add_to(bound, uav, g, w0[row], is_last ? &lows[2 * cell] : nullptr,
+                                &highs[2 * cell]);
         }
         double* best = &found[row * places];
         bound.minimise(best);

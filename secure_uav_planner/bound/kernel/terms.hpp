@@ -58,9 +58,8 @@
 
 namespace kernel {
 
-// The value and slopes of a function at a box's centre, numbers such that
-// ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in
-// the box, and a bound of all remaining terms.
+// A function F of the place (a, b) and pi = log p in a box, expanded at the centre: F is at most
+// value + ga da + gb db + gp dpi + (ka da^2 + kb db^2 + kp dpi^2) / 2 + rest anywhere in the box.
 struct Expansion {
     double value, ga, gb, gp, ka, kb, kp, rest;
 };
@@ -251,8 +250,9 @@ private:
         power_cost.kp = -cost / more;
     }
 
-    // Fill the expansion in a box of a jammer's -phi(z0) of the ground node. The power is `watts`
-    // in the centre of the box, and from watts / more to watts more in the box.
+    // Fill the expansion in a box of a jammer's -phi(z0) = -log(1 + y) of the ground node, where
+    // y = p e^log_gain / q is the SNR received, at least `least` and at most `top` in the box. The
+    // power p is `watts` in the centre of the box, and from watts / more to watts * more in it.
     void expand_jammed_ground(const Box& box, double rho, double watts, double more,
                               Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
@@ -278,8 +278,9 @@ private:
         f.kb = f.ka;
     }
 
-    // Fill the expansion in a box of a jammer's phi(z_e) at the farthest place in the disc of
-    // eavesdropper e, with `watts` and `more` as in expand_jammed_ground.
+    // Fill the expansion in a box of a jammer's phi(z_e) = log(1 + y) at the farthest place in the
+    // disc of eavesdropper e. The SNR y received there is from `least` to `top` in the box, and the
+    // power is from watts / more to watts * more.
     void expand_jammed_leak(const Box& box, double rho, double watts, double more, std::size_t e,
                             Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
@@ -307,7 +308,9 @@ private:
         f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
     }
 
-    // Add the expansion of the potential, and the margin for rounding.
+    // Add the expansion of u . q + q . S q / 2 + t0 |t + T q|, and the margin for rounding. u is the
+    // row of `slope_`, S of `curvature_`, and (t0, t, T) of `speed_cost_`. `rho` is half the
+    // diagonal of the box in the plane.
     void add_potential(std::size_t group, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
         const double *u = &slope_[2 * group], *s = &curvature_[3 * group];
@@ -325,6 +328,7 @@ private:
         f.value += t[0] * safe;
         f.ga += t[0] * (t[3] * ta + t[4] * tb) / safe;
         f.gb += t[0] * (t[4] * ta + t[5] * tb) / safe;
+        // The Frobenius norm of T bounds |T dq| / |dq|; the head of this file has both bounds.
         const double norm = std::sqrt(t[3] * t[3] + 2 * t[4] * t[4] + t[5] * t[5]);
         if (norm * rho > 4 * safe) {
             f.rest += 2 * t[0] * norm * rho;

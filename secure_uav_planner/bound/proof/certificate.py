@@ -157,26 +157,22 @@ def certify(team: Team, multipliers: Multipliers,
     :param multipliers: any multipliers; good ones make the rate small.
     :param stop: asked now and then; True ends the branch and bound, and the rate is larger.
     """
-    potentials = multipliers.potentials
+    potentials, cells = multipliers.potentials, multipliers.cells
     prices = np.maximum(multipliers.prices, 0.0)
-    if (np.diff(multipliers.weights, axis=0) < 0).any() or (multipliers.weights[-1] != 1).any():
-        raise AssertionError('the breakpoints of w0 must rise to 1')
-    weights = np.clip(multipliers.weights, 1e-12, 1.0)
-    v = np.maximum(multipliers.v, 0.0)
-    total = v.sum(-1, keepdims=True)
-    v = v * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
-    cells = multipliers.cells
+    weights, v = _make_valid(multipliers)
     silent, joint = np.zeros(len(cells.group)), np.zeros(weights.shape)
     for i, potential in enumerate(potentials):
+        # Only the last UAV is restricted to cells, see lemma 10.
         own, cell = (cells, np.arange(len(cells.group))) if i == len(potentials) - 1 else (
             Cells.whole(potential.region), cells.group)
-        alone = bound_silence(potential, own, cell, multipliers.silent_incumbents[i], stop)
-        silent += alone
+        own_silent = bound_silence(potential, own, cell, multipliers.silent_incumbents[i], stop)
+        silent += own_silent
         joint += bound_terms(
-            team, potential, i, own, np.tile(cell, len(weights)), np.tile(alone, len(weights)),
-            weights.ravel(), v.reshape(-1, v.shape[2]), prices[i],
-            multipliers.incumbents[i].ravel(), stop).reshape(weights.shape)
+            team, potential, i, own, np.tile(cell, len(weights)),
+            np.tile(own_silent, len(weights)), weights.ravel(), v.reshape(-1, v.shape[2]),
+            prices[i], multipliers.incumbents[i].ravel(), stop).reshape(weights.shape)
     pieces = bound_pieces(team, silent, joint, weights, v, prices[0])
+    # B of a group is the largest bound of its cells and pieces of w0, plus rounding errors.
     slots = np.full(len(team.groups.count), -np.inf)
     np.maximum.at(slots, cells.group, np.maximum(silent, pieces.max((0, 1))))
     slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
@@ -189,6 +185,21 @@ def certify(team: Team, multipliers: Multipliers,
     rate = total / team.groups.slots / math.log(2.0) * (1 + 1e-14)
     return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
                        prices)
+
+
+def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
+    """
+    Return w0 (K, C) in [1e-12, 1], and v (K, C, E), not negative and with a sum below w0.
+
+    :raises AssertionError: unless w0 rises to 1.
+    """
+    if (np.diff(multipliers.weights, axis=0) < 0).any() or (multipliers.weights[-1] != 1).any():
+        raise AssertionError('the breakpoints of w0 must rise to 1')
+    weights = np.clip(multipliers.weights, 1e-12, 1.0)
+    v = np.maximum(multipliers.v, 0.0)
+    total = v.sum(-1, keepdims=True)
+    return weights, v * np.minimum(
+        1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
 
 
 def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
@@ -242,18 +253,25 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Arr
     :param v: eavesdropper multipliers at the breakpoints, (K, C, E).
     :param price: lam of the transmitter.
     """
-    zero = np.zeros((1, len(silent)))
+    # Ends of the pieces between two breakpoints, as fractions; denser near the breakpoints.
     x = np.linspace(0.0, 1.0, PIECES + 1)[:, None, None]
     x = x * x * (3 - 2 * x)
-    fine, linear, *totals = (
-        part[:-1] * (1 - x) + part[1:] * x for part in (
-            np.concatenate([zero, weights]), np.concatenate([silent[None], joint]),
-            *(np.concatenate([zero, total]) for total in team.sum_listeners(v))))
-    convex = linear - entropy(*totals) + maximise_power(
-        np.maximum(fine - sum(totals), 0.0), price, team.regions[0].peak)[0]
-    width = fine[1:] - fine[:-1]
+
+    def interpolate(at_zero: Array, at_breakpoints: Array) -> Array:
+        """Return values at the ends of all pieces, (PIECES + 1, K, C)."""
+        values = np.concatenate([at_zero[None], at_breakpoints])
+        return np.asarray(values[:-1] * (1 - x) + values[1:] * x)
+
+    zero = np.zeros(len(silent))
+    w0, chord = interpolate(zero, weights), interpolate(silent, joint)
+    totals = [interpolate(zero, total) for total in team.sum_listeners(v)]
+    convex = chord - entropy(*totals) + maximise_power(
+        np.maximum(w0 - sum(totals), 0.0), price, team.regions[0].peak)[0]
+    # On each piece the convex part is at most its chord, and at most its larger end.
+    low, high = w0[:-1], w0[1:]
+    width = high - low
     slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
-    at = np.clip(sigmoid(slope), fine[:-1], fine[1:])
-    value = convex[:-1] + slope * (at - fine[:-1]) + entropy(at)
-    narrow = np.maximum(convex[1:], convex[:-1]) + entropy(np.clip(0.5, fine[:-1], fine[1:]))
-    return np.asarray(np.where(width > 1e-9, np.minimum(value, narrow), narrow))
+    best = np.clip(sigmoid(slope), low, high)
+    by_chord = convex[:-1] + slope * (best - low) + entropy(best)
+    by_ends = np.maximum(convex[1:], convex[:-1]) + entropy(np.clip(0.5, low, high))
+    return np.asarray(np.where(width > 1e-9, np.minimum(by_chord, by_ends), by_ends))

@@ -143,6 +143,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
     if _has_too_many_corners(parts) or not parts and fence is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
+    # Ends of the path, what the curve saves against the moves, and how far points are beside it.
     ends, saved, beside = np.array([uav.start, uav.goal]), np.full(2, SMALLER), 0.0
     if uav.max_acceleration is not None:
         before, after = (scenario.slot_duration * np.array(velocity or (0.0, 0.0))
@@ -150,21 +151,33 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
         ends += np.array([-before, after]) / 2
         saved += np.hypot(*np.transpose([before, after])) / 2 + step / 8
         beside = min(uav.max_acceleration * scenario.slot_duration**2, 2 * step) / 8 + SMALLER
-    # Both paths together are no longer than all moves, so all places are inside an ellipse.
-    length = float(np.hypot(*np.subtract(uav.goal, uav.start)))
-    longest = step * (scenario.slots + 1) + 1.0
-    half = np.array([longest, np.sqrt(max(longest**2 - length**2, 0.0)) + 1.0]) / 2
-    low, size = [length / 2, 0.0] - half, 2 * half / SIDE
-    number = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing='ij'), -1)
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    low, size = _lay_grid(uav, step * (scenario.slots + 1) + 1.0)
     # A little larger, so that rounding puts no place outside its cell.
-    outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (
-        2 * corners - 1) * (beside + 1e-6 * size)
-    cells = shapely.polygons(outlines @ frame_axes(uav) + uav.start)
+    cells = _draw_cells(uav, low, size, beside + 1e-6 * size)
     hull = None if fence is None else shapely.Polygon(fence).convex_hull.buffer(
         SMALLER, join_style='mitre')
     lengths = bound_path_lengths(parts, hull, ends, cells) - saved[:, None]
     return Detours(low, size, lengths.reshape(2, SIDE, SIDE))
+
+
+def _lay_grid(uav: Uav, longest: float) -> tuple[Array, Array]:
+    """
+    Return the lower corner and the cells' size, (2,) each in m, of a grid of reachable places.
+
+    The paths from start and goal to a place are together no longer than all moves, `longest`, so
+    all places are inside an ellipse whose foci are start and goal. The grid covers the ellipse.
+    """
+    distance = float(np.hypot(*np.subtract(uav.goal, uav.start)))
+    half = np.array([longest, np.sqrt(max(longest**2 - distance**2, 0.0)) + 1.0]) / 2
+    return [distance / 2, 0.0] - half, 2 * half / SIDE
+
+
+def _draw_cells(uav: Uav, low: Array, size: Array, wider: Array) -> Any:
+    """Return the outlines in m of a grid's cells, (SIDE^2,), each wider on every side."""
+    number = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing='ij'), -1)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (2 * corners - 1) * wider
+    return shapely.polygons(outlines @ frame_axes(uav) + uav.start)
 
 
 def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
@@ -229,6 +242,7 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
     lengths = np.full((2, len(cells)), np.inf)
+    # For each corner: the cells that it sees, reached straight from the end of its path.
     for place, path in zip(places, paths.T):
         lit = frame.difference(shapely.union_all(
             [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(

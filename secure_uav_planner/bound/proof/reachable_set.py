@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .detours import Detours, frame_axes
+from .detours import Detours, frame_axes, SIDE
 from .relaxation import (
     COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_GROUPS,
     SlotGroups)
@@ -101,11 +101,9 @@ class ReachableSet:
         axes, ends = frame_axes(uav), end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         max_move_change, end_move_changes, end_moves = _limit_move_changes(scenario, index, step)
-        number = np.arange(1, scenario.slots + 2)
-        ramps = (np.hypot(*end_moves.T)[:, None] + end_move_changes[:, None]
-                 + (number - 1) * max_move_change)
+        moves = _find_longest_moves(
+            scenario.slots, step, max_move_change, end_move_changes, end_moves)
         # The factors 1 + 1e-12 cover rounding, since moves are differences of rounded coordinates.
-        moves = np.minimum(step, np.minimum(ramps[0], ramps[1, ::-1]) * (1 + 1e-12))
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
         frame = (receivers - start) @ axes.T / unit
@@ -150,26 +148,33 @@ class ReachableSet:
         0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
         near, far, distance = self.from_start, self.to_goal, self.distance
-        first = self._crossing()
-        between = (first >= 0) & (first <= distance)
-        first = np.where(between, first, 0.0)
+        crossing = self._crossing()
+        between = (crossing >= 0) & (crossing <= distance)
+        crossing = np.where(between, crossing, 0.0)
         half = np.where(between, np.sqrt(
-            np.maximum((near - first) * (near + first), 0.0) + 1e-14 * (near**2 + distance**2)),
-            np.minimum(near, far))
+            np.maximum((near - crossing) * (near + crossing), 0.0)
+            + 1e-14 * (near**2 + distance**2)), np.minimum(near, far))
         slack = COORDINATE_ROUNDING * (near + far + distance)
         low = np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1)
         high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
-        # A group without a cell that is reached in time keeps the cells of the least delay.
+        first, end = self._find_cells_in_time()
+        return (np.maximum(low, self.detours.low + (first - 1e-6) * self.detours.size),
+                np.minimum(high, self.detours.low + (end + 1e-6) * self.detours.size))
+
+    def _find_cells_in_time(self) -> tuple[Array, Array]:
+        """
+        Return the first index of cells reached in time, and one more than the last, (G, 2) each.
+
+        A group without a cell that is reached in time has the cells of the least delay.
+        """
         late = self._time_deficit()
-        free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
-        cells = free.any(2), free.any(1)
-        first = np.stack([flags.argmax(1) for flags in cells], -1)
-        last = np.stack([flags.shape[1] - flags[:, ::-1].argmax(1) for flags in cells], -1)
-        step = self.detours.size
-        return (np.maximum(low, self.detours.low + (first - 1e-6) * step),
-                np.minimum(high, self.detours.low + (last + 1e-6) * step))
+        in_time = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
+        columns, rows = in_time.any(2), in_time.any(1)
+        first = [flags.argmax(1) for flags in (columns, rows)]
+        end = [SIDE - flags[:, ::-1].argmax(1) for flags in (columns, rows)]
+        return np.stack(first, -1), np.stack(end, -1)
 
     def _time_deficit(self) -> Array:
         """Length by which paths to or from each cell are too long, (G, SIDE, SIDE) in units."""
@@ -187,8 +192,9 @@ class ReachableSet:
         near, far, distance = self.from_start, self.to_goal, self.distance
         if distance < 1e-9:
             return np.full(len(near), np.nan)
-        first = (distance + (near - far) * (near + far) / distance) / 2
-        return np.where(np.abs(first) < near, first, np.nan)
+        # x of x^2 + y^2 = near^2 and (x - distance)^2 + y^2 = far^2.
+        x = (distance + (near - far) * (near + far) / distance) / 2
+        return np.where(np.abs(x) < near, x, np.nan)
 
     @cached_property
     def corner(self) -> Array:
@@ -201,10 +207,10 @@ class ReachableSet:
         multiples of the normals at a corner. The kernel computes the split from the corner, so
         that a badly rounded corner makes a bound larger, never wrong.
         """
-        first = self._crossing()
-        across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
-        crosses = np.isfinite(first) & (across > 0)
-        return np.where(crosses[:, None], np.stack([first, across], -1), 0.0)
+        x = self._crossing()
+        y = np.sqrt(np.maximum((self.from_start - x) * (self.from_start + x), 0.0))
+        crosses = np.isfinite(x) & (y > 0)
+        return np.where(crosses[:, None], np.stack([x, y], -1), 0.0)
 
     def contains(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
         """Return True for places (..., 2) in the reachable set of their group (...)."""
@@ -289,6 +295,18 @@ def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[fl
     ends = (uav.start_velocity, uav.goal_velocity)
     return (change, np.array([step if velocity is None else change for velocity in ends]),
             scenario.slot_duration * np.array([velocity or (0.0, 0.0) for velocity in ends]))
+
+
+def _find_longest_moves(slots: int, step: float, max_move_change: float, end_move_changes: Array,
+                        end_moves: Array) -> Array:
+    """
+    Return the largest length of each move d_0..d_N, (N + 1,) in m; lemma 8.
+
+    It is the least of the step, |d_{-1}| + A_0 + n A, and the same from the goal backwards.
+    """
+    ramps = (np.hypot(*end_moves.T)[:, None] + end_move_changes[:, None]
+             + np.arange(slots + 1) * max_move_change)
+    return np.minimum(step, np.minimum(ramps[0], ramps[1, ::-1]) * (1 + 1e-12))
 
 
 @dataclass(frozen=True, eq=False)

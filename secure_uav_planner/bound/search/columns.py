@@ -83,10 +83,13 @@ class Columns:
 
     @classmethod
     def product(cls, region: ReachableSet, place: Array, levels: Array) -> Columns:
-        """Return the columns of every place (G, K, 2) with every power (G, P), (G, K P)."""
-        shape = place.shape[:2] + levels.shape[1:]
-        return cls.of(region, np.broadcast_to(place[:, :, None], shape + (2,)).reshape(
-            len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1))
+        """
+        Return the columns of every place (G, K, 2) with every power (G, P), (G, K P).
+
+        Column k P + p of a group has place k and power p.
+        """
+        places, powers = place.shape[1], levels.shape[1]
+        return cls.of(region, np.repeat(place, powers, axis=1), np.tile(levels, (1, places)))
 
     def take(self, index: NDArray[np.intp]) -> Columns:
         """Return the columns with given indices in every group, (G, C')."""
@@ -96,21 +99,28 @@ class Columns:
 
     @staticmethod
     def choose(parts: list[Columns], number: NDArray[np.intp]) -> Columns:
-        """Return for every group the columns of one of several Columns, by its number (G,)."""
-        row = np.arange(len(number))
-        return Columns(*(np.stack([getattr(part, name) for part in parts])[number, row]
+        """
+        Return columns that each group takes from one of several Columns of equal size.
+
+        :param number: for each group the index of its Columns in `parts`, (G,).
+        """
+        group = np.arange(len(number))
+        return Columns(*(np.stack([getattr(part, name) for part in parts])[number, group]
                          for name in ('place', 'power', 'ground', 'leaks')))
 
     def spread(self, group: NDArray[np.intp], groups: int) -> Columns:
         """
-        Return columns (M, 1) of given groups, (M,), as columns of `groups` groups, (G, C).
+        Gather these columns, (M, 1), by their groups: return columns (G, C).
 
-        Groups with less columns than others repeat their last one.
+        C is the largest number of columns of a group. Groups with fewer repeat their last one.
+
+        :param group: group of each column, (M,); every group occurs.
+        :param groups: G.
         """
         order = np.argsort(group, kind='stable')
-        count = np.bincount(group, minlength=groups)
-        first = np.cumsum(count) - count
-        index = order[first[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
+        count = np.bincount(group, minlength=groups)[:, None]
+        first = np.cumsum(count)[:, None] - count
+        index = order[first + np.minimum(np.arange(count.max()), count - 1)]
         return Columns(*(getattr(self, name)[index, 0]
                          for name in ('place', 'power', 'ground', 'leaks')))
 
@@ -125,20 +135,21 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     """
     Return a grid of places in every reachable set, its boundary included, (G, along * across, 2).
 
-    :param along: number of places along the way from start to goal, which are denser at both ends.
-    :param across: number of equidistant places across this way.
+    :param along: number of coordinates x from start to goal, which are denser at both ends.
+    :param across: number of equidistant coordinates y for each x.
     """
     low, high = region.bounding_box
     even = np.linspace(0, 1, along)
-    step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
-    a = low[:, :1] + (high - low)[:, :1] * step
+    fraction = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
+    x = low[:, :1] + (high - low)[:, :1] * fraction
+    # |y| <= half, (G, along), in the discs about start and goal at x.
+    near, far = region.from_start[:, None], region.to_goal[:, None]
     half = np.sqrt(np.maximum(np.minimum(
-        (region.from_start[:, None] - a) * (region.from_start[:, None] + a),
-        region.to_goal[:, None]**2 - (a - region.distance)**2), 0.0))
-    left, right = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
-    b = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, across)
-    place = np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
-    return region.clip(place, np.arange(len(a))[:, None])
+        (near - x) * (near + x), far**2 - (x - region.distance)**2), 0.0))
+    bottom, top = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
+    y = bottom[..., None] + (top - bottom)[..., None] * np.linspace(0, 1, across)
+    place = np.stack([np.repeat(x, across, 1), y.reshape(len(x), -1)], -1)
+    return region.clip(place, np.arange(len(x))[:, None])
 
 
 def sample_powers(region: ReachableSet, power: Array) -> Array:
@@ -206,11 +217,15 @@ class ColumnPool:
 
     @staticmethod
     def choose(pools: list[ColumnPool], number: NDArray[np.intp]) -> ColumnPool:
-        """Return a pool that has the columns of one of several pools in every group, (G,)."""
+        """
+        Return a pool in which each group has the columns of one of several pools of one UAV.
+
+        :param number: for each group the index of its pool in `pools`, (G,).
+        """
         pool = copy(pools[0])
-        pool._improved, pool._rounds, pool._exact = (
-            [Columns.choose(list(parts), number) for parts in zip(*lists)] for lists in zip(*(
-                (other._improved, other._rounds, other._exact) for other in pools)))
+        for name in ('_improved', '_rounds', '_exact'):
+            lists = [getattr(other, name) for other in pools]
+            setattr(pool, name, [Columns.choose(list(parts), number) for parts in zip(*lists)])
         return pool
 
     @property
@@ -233,14 +248,24 @@ class ColumnPool:
         value = evaluate(pool)
         kept = min(KEPT, value.shape[1])
         chosen = pool.take(np.argpartition(value, -kept, axis=1)[:, -kept:])
+        self._add_improved(pool, value, evaluate)
+        self._rounds = [*self._rounds, Columns.concatenate([chosen, *self._improved])][-RECENT:]
+
+    def _add_improved(self, pool: Columns, value: Array,
+                      evaluate: Callable[[Columns], Array]) -> None:
+        """
+        Improve the FRESH best columns at distinct places; keep OLD + FRESH improved columns.
+
+        :param pool: the table's columns, then others.
+        :param value: values of the pool's columns, (G, C) in nats.
+        """
+        # Candidates have the best power at each place; starts are the best ones far apart.
         best = self._select_powers(value)
         candidates, value = pool.take(best), np.take_along_axis(value, best, 1)
-        fresh = self._improve(
-            candidates.take(_select_distinct(self.region, candidates, value)), evaluate)
-        improved = Columns.concatenate([*self._improved, fresh])
+        starts = candidates.take(_select_distinct(self.region, candidates, value))
+        improved = Columns.concatenate([*self._improved, self._improve(starts, evaluate)])
         latest = np.arange(improved.power.shape[1])[-OLD - FRESH:]
-        self._improved = [improved.take(np.broadcast_to(latest, (len(value), len(latest))))]
-        self._rounds = [*self._rounds, Columns.concatenate([chosen, *self._improved])][-RECENT:]
+        self._improved = [improved.take(np.tile(latest, (len(value), 1)))]
 
     def add_exact(self, columns: Columns) -> None:
         """Add columns that are better than all others, and drop the oldest of their kind."""
@@ -251,13 +276,14 @@ class ColumnPool:
         Return the indices of a pool's columns with only the best power at each of the K places.
 
         :param value: values of the table's K P columns, then of other columns, (G, K P + others).
+        :return: (G, K + others).
         """
-        count, table = self._grid.shape[1], self._table.power.shape[1]
-        powers = table // count
-        best = value[:, :table].reshape(len(value), count, powers).argmax(2)
+        groups, places, table = len(value), self._grid.shape[1], self._table.power.shape[1]
+        powers = table // places
+        best_power = value[:, :table].reshape(groups, places, powers).argmax(2)
         others = np.arange(table, value.shape[1])
-        return np.concatenate([best + powers * np.arange(count), np.broadcast_to(
-            others, (len(value), len(others)))], 1)
+        return np.concatenate(
+            [powers * np.arange(places) + best_power, np.tile(others, (groups, 1))], 1)
 
     def add_silent_places(self, slope: Array | None, evaluate: Callable[[Columns], Array]) -> None:
         """
@@ -279,46 +305,60 @@ class ColumnPool:
 
     def _improve(self, start: Columns, evaluate: Callable[[Columns], Array]) -> Columns:
         """
-        Return the columns that a compass search reaches from the columns `start`.
+        Return the columns that a compass search reaches from the columns `start`, (G, C).
 
-        A round tries moves of the place and, for a jammer, of the log power in both directions. If
-        no move is better, the moves get shorter.
+        A round tries for each column M moves of the place and, for a jammer, of the log power in
+        both directions. If no move is better, the moves get shorter.
         """
         region = self.region
-        count, many = start.power.shape
+        groups, columns = start.power.shape
         low, high = region.bounding_box
-        step = np.repeat(((high - low).max(1) / 12)[:, None], many, 1)
-        ratio = np.full((count, many), 0.4)
+        step = np.repeat(((high - low).max(1) / 12)[:, None], columns, 1)
+        log_step = np.full((groups, columns), 0.4)
         place, power = start.place, start.power
+        # Moves of x, y and log power, (M, 3); the first is to stay.
         moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0],
                           [0, 0, 1], [0, 0, -1]][:5 if region.transmits else 7], float)
-        group = np.arange(count)[:, None, None]
         for _ in range(8):
-            trial = place[:, :, None] + step[..., None, None] * moves[:, :2]
-            trial = region.clip(trial, group)
-            trial = np.where(region.contains(trial, group)[..., None], trial, place[:, :, None])
-            watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
-                               region.peak)
-            flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1))
-            pick = evaluate(flat).reshape(count, many, -1).argmax(-1)[..., None]
-            place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
-            power = np.take_along_axis(watts, pick, 2)[..., 0]
-            stay = pick[..., 0] == 0
-            step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
+            places = self._move_places(place, step, moves[:, :2])
+            powers = np.minimum(power[..., None] * np.exp(log_step[..., None] * moves[:, 2]),
+                                region.peak)
+            trials = Columns.of(region, places.reshape(groups, -1, 2), powers.reshape(groups, -1))
+            best = evaluate(trials).reshape(groups, columns, len(moves)).argmax(-1)
+            place = np.take_along_axis(places, best[..., None, None], 2)[:, :, 0]
+            power = np.take_along_axis(powers, best[..., None], 2)[..., 0]
+            step, log_step = (np.where(best == 0, size / 2.5, size) for size in (step, log_step))
         return Columns.of(region, place, power)
+
+    def _move_places(self, place: Array, step: Array, moves: Array) -> Array:
+        """
+        Return places (G, C, 2) plus steps (G, C) times moves (M, 2), (G, C, M, 2).
+
+        A place that would leave its reachable set stays.
+        """
+        region, group = self.region, np.arange(len(place))[:, None, None]
+        moved = region.clip(place[:, :, None] + step[..., None, None] * moves, group)
+        return np.where(region.contains(moved, group)[..., None], moved, place[:, :, None])
 
 
 def _select_distinct(region: ReachableSet, pool: Columns, value: Array) -> NDArray[np.intp]:
-    """Return the indices of the FRESH best columns at places far from each other, (G, FRESH)."""
+    """
+    Return the indices of the FRESH best columns at places far from each other, (G, FRESH).
+
+    Each choice excludes the columns that are closer than an eighth of the bounding box's longer
+    side in both coordinates.
+
+    :param value: values of the pool's columns, (G, C) in nats.
+    """
     low, high = region.bounding_box
     far = ((high - low).max(1) / 8)[:, None]
     value = value.copy()
-    row = np.arange(len(value))
+    group = np.arange(len(value))
     chosen = []
     for _ in range(FRESH):
         best = value.argmax(1)
         chosen.append(best)
-        offset = np.abs(pool.place - pool.place[row, best][:, None])
+        offset = np.abs(pool.place - pool.place[group, best][:, None])
         value[(offset[..., 0] < far) & (offset[..., 1] < far)] = -np.inf
     return np.stack(chosen, 1)
 

@@ -1,27 +1,23 @@
 """
-The smoothed dual function on columns, with its gradient and Hessian, and its Newton step.
+The smoothed dual function on columns, with its gradient and Hessian.
 
 It is the certificate's bound with every maximum taken over columns and over branches, and smoothed
 to tau log sum exp(. / tau). The branches are a single breakpoint of w0 in each cell, and silence.
 Every cell has its own v, see lemma 10. The dual function is jointly convex in the potentials, v
 and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s and lam have
 weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
-
-Newton's linear system is an arrow: a band, in which the potentials at an edge are followed by the
-v of the group after it, and the prices of power as its border.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import scipy
 
+from .arrow_system import ArrowSystem
 from .columns import Columns, pack_columns
-from .variables import DualPoint, GroupLayout, PotentialLayout
+from .variables import DualPoint, PotentialLayout
 from ..proof.certificate import entropy, maximise_power
 from ..proof.reachable_set import Team
 from ...mission.validation import Array
@@ -38,134 +34,6 @@ PRICE_BARRIER = 1e-7
 
 SMOOTHING = 0.3
 """Smoothing width of the largest eigenvalue of S [nats per unit^2]."""
-
-
-@dataclass(frozen=True, eq=False)
-class ArrowSystem:
-    """
-    Gradient and Hessian of the dual function in blocks, F unknowns for each slot group.
-
-    :param potential: layout of the potentials.
-    :param layout: layout of a group's unknowns; neighbouring groups have an edge in common.
-    :param group: gradient of the groups' terms, (G, F).
-    :param groups: Hessians of the groups' terms, (G, F, F).
-    :param edge: gradient of the edges' own terms, (G + 1, U P).
-    :param edges: Hessians of the edges' own terms, (G + 1, U P, U P).
-    :param price: gradient of the prices' own terms, (U,).
-    :param prices: diagonal of the Hessian of the prices' own terms, (U,).
-    :param sharpness: number of slots of a group, divided by the temperature, (G,).
-    :param cells: number of cells of a group.
-    """
-
-    potential: PotentialLayout
-    layout: GroupLayout
-    group: Array
-    groups: Array
-    edge: Array
-    edges: Array
-    price: Array
-    prices: Array
-    sharpness: Array
-    cells: int
-
-    def slope(self, step: DualPoint) -> float:
-        """Return the derivative of the dual function along a step."""
-        x = step.potentials.reshape(self.edge.shape)
-        local = np.concatenate([x[:-1], step.v.reshape(len(step.v), -1), x[1:], np.broadcast_to(
-            step.prices, (len(step.v), len(step.prices)))], 1)
-        return float((self.group * local).sum() + (self.edge * x).sum()
-                     + self.price @ step.prices)
-
-    def solve(self, damping: float) -> DualPoint:
-        """
-        Return the damped Newton step.
-
-        If a single column is far better than any other, the function is linear near the point,
-        and a full step would leave the neighbourhood in which it is linear. Damping acts as an
-        additional variance of the columns of a group: it limits how much the potentials change
-        from edge to edge and at both ends. It also raises the diagonals of v and of the prices by
-        a fraction.
-
-        :param damping: the variance [units^2] and the fraction.
-        :raises numpy.linalg.LinAlgError: if the Hessian is not positive definite.
-        """
-        groups, edges = self._damp(damping)
-        factor = scipy.linalg.cholesky_banded(
-            self._assemble_band(groups, edges), lower=True, check_finite=False)
-        border = self._assemble_border(groups)
-        answer = scipy.linalg.cho_solve_banded((factor, True), border, check_finite=False)
-        prices = self._eliminate_border(groups, border, answer, damping)
-        (count, width), shift = self.edge.shape, self.layout.after.start
-        x = -(answer[:, -1] + answer[:, :-1] @ prices).reshape(count, shift)
-        return DualPoint(self.potential, x[:, :width].reshape(count, len(prices), -1),
-                         x[:-1, width:].reshape(count - 1, self.cells, -1), prices)
-
-    def _damp(self, damping: float) -> tuple[Array, Array]:
-        """Return the Hessians of groups (G, F, F) and edges (G + 1, U P, U P) with damping."""
-        before, v, after, _ = self.layout
-        identity = np.eye(self.edge.shape[1])
-        change = (damping * self.sharpness)[:, None, None] * identity
-        groups, edges = self.groups.copy(), self.edges + 1e-9 * identity
-        for side, opposite in ((before, after), (after, before)):
-            groups[:, side, side] += change
-            groups[:, side, opposite] -= change
-        edges[[0, -1]] += change[[0, -1]]
-        raised = np.arange(v.start, v.stop)
-        groups[:, raised, raised] = (1 + damping) * groups[:, raised, raised] + 1e-12
-        return groups, edges
-
-    def _assemble_band(self, groups: Array, edges: Array) -> Array:
-        """
-        Return the lower diagonals of the Hessian's band, as scipy's cholesky_banded takes them.
-
-        The band's unknowns are the potentials at each edge, followed by the v of the group after
-        the edge.
-        """
-        (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
-            self.layout.after.start)
-        band = np.zeros((count, shift, size))
-        for column in range(size):
-            edge, row = divmod(column, shift)
-            band[edge:count - 1 + edge, row, :size - column] += groups[:, column:size, column]
-        for column in range(width):
-            band[:, column, :width - column] += edges[:, column:, column]
-        # No group follows the last edge.
-        band[-1, width:, 0] = 1.0
-        return np.asarray(band.reshape(-1, size).T)
-
-    def _assemble_border(self, groups: Array) -> Array:
-        """
-        Return the right sides of the band's linear systems, a row for each unknown of the band.
-
-        The first columns are the mixed derivatives by the unknown and by each UAV's price; the
-        last column is the gradient.
-        """
-        (count, width), size, shift = self.edge.shape, self.layout.after.stop, (
-            self.layout.after.start)
-        border = np.zeros((count, shift, len(self.price) + 1))
-        own = np.concatenate(
-            [groups[:, :size, self.layout.prices], self.group[:, :size, None]], -1)
-        border[:-1] += own[:, :shift]
-        border[1:, :width] += own[:, shift:]
-        border[:, :width, -1] += self.edge
-        return border.reshape(count * shift, -1)
-
-    def _eliminate_border(self, groups: Array, border: Array, answer: Array, damping: float
-                          ) -> Array:
-        """
-        Return the step of the prices, (U,), by the Schur complement of the band.
-
-        :param groups: damped Hessians of the groups' terms, (G, F, F).
-        :param border: right sides by _assemble_border; the last column is the gradient.
-        :param answer: inverse of the band times the border.
-        :param damping: fraction by which the diagonal is raised.
-        """
-        price = self.layout.prices
-        corner = np.diag(self.prices) + groups[:, price, price].sum(0) - (
-            border[:, :-1].T @ answer[:, :-1])
-        corner += damping * np.diag(np.abs(np.diag(corner)))
-        return np.asarray(-np.linalg.solve(
-            corner, self.price + self.group[:, price].sum(0) - border[:, :-1].T @ answer[:, -1]))
 
 
 class EdgeTerms:
@@ -190,15 +58,23 @@ class EdgeTerms:
         self.gradient[edge, uav, part] += slope
 
     def add_lengths(self, uav: int, parts: list[slice], factor: Array, step: float) -> None:
-        """Add factor times the smoothed length of the sum of two-vector parts, at every edge."""
+        """
+        Add factor |x| at every edge, smoothed to factor sqrt(|x|^2 + (tau / step)^2).
+
+        :param uav: index of the UAV.
+        :param parts: x is the sum of these parts of the UAV's potential, each of two numbers.
+        :param factor: factor of each edge, (G + 1,).
+        :param step: the UAV's largest move [units].
+        """
         vector = np.sum([self._x[:, uav, part] for part in parts], 0)
         delta = self._tau / step
         norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
+        # The smoothed length r has the slope x / r and the Hessian (I - x x' / r^2) / r.
         share = factor / norm
-        second = share[:, None, None] * (
-            np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
+        slope = _scale(share, vector)
+        second = _scale(share, np.eye(2) - _square(vector) / (norm * norm)[:, None, None])
         for part in parts:
-            self.gradient[:, uav, part] += share[:, None] * vector
+            self.gradient[:, uav, part] += slope
             for column in parts:
                 self.hessian[:, uav, part, uav, column] += second
         self.value += float(factor @ norm)
@@ -207,8 +83,8 @@ class EdgeTerms:
         """Add factor times the smoothed max(0, largest eigenvalue of S), at every edge."""
         largest, slope, second = _smooth_largest_eigenvalue(self._x[:, uav, part])
         self.value += float(factor @ largest)
-        self.gradient[:, uav, part] += factor[:, None] * slope
-        self.hessian[:, uav, part, uav, part] += factor[:, None, None] * second
+        self.gradient[:, uav, part] += _scale(factor, slope)
+        self.hessian[:, uav, part, uav, part] += _scale(factor, second)
 
     def flatten(self) -> tuple[Array, Array]:
         """Return the gradient (G + 1, U P) and the Hessian (G + 1, U P, U P)."""
@@ -246,167 +122,250 @@ class Dual:
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function: N times an estimate of the bound, in nats."""
-        return self._evaluate(point, False)[0]
+        return self._add_up(point, self._find_branches(point).value, self._find_edges(point))
 
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
         """Return the dual function with its gradient and its Hessian."""
-        return self._evaluate(point, True)
+        branches = self._find_branches(point, differentiate=True)
+        gradient, hessian = self._differentiate_groups(branches)
+        self._add_v_barriers(point, gradient, hessian)
+        edges, slots, prices = self._find_edges(point), self.count.sum(), point.prices
+        return self._add_up(point, branches.value, edges), ArrowSystem(
+            point.layout, point.group_layout, gradient, hessian, *edges.flatten(),
+            slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
+            self.count / self.tau, point.v.shape[1])
 
     def find_worst_cell(self, point: DualPoint) -> NDArray[np.intp]:
         """Return the index of the cell with the largest value in every group, (G,)."""
-        return np.asarray(self._branches(point, False)[0][:-1].argmax(0))
+        return np.asarray(self._find_branches(point).value[:-1].argmax(0))
 
-    def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, Any]:
-        """Return the dual function, and its ArrowSystem if `second`, else None."""
-        value, gradients, hessians = self._groups(point, second)
-        v, prices, layout = point.v, point.prices, point.group_layout
-        bar = V_BARRIER * (self.tau if v.shape[-1] > 1 else 1e-5)
-        slack = self.slack(v)
-        slots = float(self.count.sum())
-        value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
-        value -= float(((bar * np.log(v).sum((1, 2)) + SLACK_BARRIER * np.log(slack).sum(1))
-                        * self.count).sum())
-        edges = self._edges(point)
-        value += edges.value
-        if not second:
-            return value, None
-        for cell in range(v.shape[1]):
-            own, part, rest = self._select_v(layout, cell), v[:, cell], slack[:, cell]
-            gradients[:, own] += self.count[:, None] * (
-                -bar / part + (SLACK_BARRIER / rest)[:, None])
-            hessians[:, own, own] += self.count[:, None, None] * (
-                (bar / part**2)[:, :, None] * np.eye(part.shape[1])
-                + (SLACK_BARRIER / rest**2)[:, None, None])
-        return value, ArrowSystem(
-            point.layout, layout, gradients, hessians, *edges.flatten(),
-            slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
-            self.count / self.tau, v.shape[1])
+    def _add_up(self, point: DualPoint, branches: Array, edges: EdgeTerms) -> float:
+        """
+        Return the dual function: the terms of groups, average powers, barriers and edges.
 
-    def _select_v(self, layout: GroupLayout, cell: int) -> slice:
+        :param branches: value of every branch, (B + 1, G) in nats.
+        """
+        groups = float(self.count @ _soften(branches, self.tau)[0])
+        prices, slack = point.prices, self.slack(point.v)
+        powers = float(self.count.sum()) * float(
+            prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
+        barriers = self._v_barrier(point) * np.log(point.v).sum((1, 2)) + (
+            SLACK_BARRIER * np.log(slack).sum(1))
+        return groups + powers - float((barriers * self.count).sum()) + edges.value
+
+    def _v_barrier(self, point: DualPoint) -> float:
+        """Return the weight of the barrier -log v [nats]."""
+        return V_BARRIER * (self.tau if point.v.shape[-1] > 1 else 1e-5)
+
+    def _add_v_barriers(self, point: DualPoint, gradient: Array, hessian: Array) -> None:
+        """Add the derivatives of the barriers of v and slack, (G, F) and (G, F, F)."""
+        weight, slack = self._v_barrier(point), self.slack(point.v)
+        for cell in range(point.v.shape[1]):
+            own, v, rest = self._select_v(point, cell), point.v[:, cell], slack[:, [cell]]
+            gradient[:, own] += _scale(self.count, -weight / v + SLACK_BARRIER / rest)
+            of_v = (weight / v**2)[:, :, None] * np.eye(v.shape[1])
+            of_slack = (SLACK_BARRIER / rest**2)[:, :, None]
+            hessian[:, own, own] += _scale(self.count, of_v + of_slack)
+
+    def _select_v(self, point: DualPoint, cell: int) -> slice:
         """Return the slice of one cell's v in a group's unknowns."""
-        size = (layout.v.stop - layout.v.start) // len(self.columns)
-        return slice(layout.v.start + cell * size, layout.v.start + (cell + 1) * size)
+        first, size = point.group_layout.v.start, point.v.shape[-1]
+        return slice(first + cell * size, first + (cell + 1) * size)
 
-    def _edges(self, point: DualPoint) -> EdgeTerms:
+    def _find_edges(self, point: DualPoint) -> EdgeTerms:
         """Return the terms of speed, acceleration and curvature at the edges and both ends."""
         layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
-        at_start, at_goal = np.eye(len(self.edge))[0], np.eye(len(self.edge))[-1]
-        for i, region in enumerate(self.team.regions):
-            # The slope of the first move: u_0, and w_1 where accelerations are limited.
-            limits, moves, step = region.end_move_changes, region.end_moves, region.step
-            shorter = layout.accelerates and limits[0] < step
-            first = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
-            terms.add_lengths(i, first, (limits[0] if shorter else step) * at_start, step)
+        for uav, region in enumerate(self.team.regions):
+            self._add_first_move(terms, uav, layout)
             if layout.accelerates:
-                for part in first if shorter else ():
-                    terms.add_linear(0, i, part, moves[0])
-                terms.add_linear(-1, i, layout.acceleration, -moves[1])
-                last = max(limits[1] - region.max_move_change, 0.0) * at_goal
-                terms.add_lengths(i, [layout.acceleration],
-                                  region.max_move_change * self.edge + last, step)
+                self._add_accelerations(terms, uav, layout)
+            # - W_N(goal), where the goal is (D, 0) in the UAV's frame.
             d, place = region.distance, slice(0, layout.acceleration.start)
-            terms.add_linear(-1, i, place, -np.array([d, 0.0, d * d / 2, 0.0, 0.0])[place])
+            terms.add_linear(-1, uav, place, -np.array([d, 0.0, d * d / 2, 0.0, 0.0])[place])
             if layout.quadratic:
                 terms.add_eigenvalues(
-                    i, layout.curvature, np.append(step, region.steps)**2 / 2 * self.edge)
+                    uav, layout.curvature,
+                    np.append(region.step, region.steps)**2 / 2 * self.edge)
         return terms
 
-    def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
-        """
-        Return the smoothed maximum over all branches, summed over all slots, with derivatives.
+    def _add_first_move(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
+        """Add step |g|, or A_0 |g| + g . d_{-1} if A_0 < step; lemma 8 has g = u_0 + w_1."""
+        region, at_start = self.team.regions[uav], np.eye(len(self.edge))[0]
+        parts = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
+        limit = region.end_move_changes[0]
+        if not layout.accelerates or limit >= region.step:
+            terms.add_lengths(uav, parts, region.step * at_start, region.step)
+            return
+        terms.add_lengths(uav, parts, limit * at_start, region.step)
+        for part in parts:
+            terms.add_linear(0, uav, part, region.end_moves[0])
 
-        In the last branch the transmitter is silent, in all others it sends. The derivatives are a
-        gradient (G, F) and a Hessian (G, F, F) for each group, and are not valid unless `second`.
-        """
-        values, grads, hessians = self._branches(point, second)
-        top = values.max(0)
-        mix = np.exp((values - top) / self.tau)
-        total = mix.sum(0)
-        mix /= total
-        best = float(self.count @ (top + self.tau * np.log(total)))
-        if not second:
-            return best, values, values
-        group = (mix[..., None] * grads).sum(0)
-        groups = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
-                     for share, grad, hessian in zip(mix, grads, hessians))
-        groups = groups - group[:, :, None] * group[:, None] / self.tau
-        return best, group * self.count[:, None], groups * self.count[:, None, None]
+    def _add_accelerations(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
+        """Add A |w| at every edge, and -w . d_{N+1} at the goal with the goal's own A."""
+        region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
+        terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
+        excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)
+        terms.add_lengths(uav, [layout.acceleration],
+                          region.max_move_change * self.edge + excess * at_goal, region.step)
 
-    def _branches(self, point: DualPoint, second: bool) -> tuple[Array, Array, Array]:
+    def _differentiate_groups(self, branches: BranchTerms) -> tuple[Array, Array]:
         """
-        Return values, gradients (.., F) and Hessians (.., F, F) of all branches, (B + 1, G).
+        Return gradient (G, F) and Hessian (G, F, F) of the groups' smoothed maxima, times slots.
 
-        A value is the sum over the UAVs of the smoothed maximum of their columns in a group. In
-        the first B branches, one for each cell, the transmitter sends, with weight w0, and the
-        maximum over its power is included. The last branch is silence. Derivatives are empty
-        unless `second`.
+        With the shares r of the branches, and gradient g and Hessian H of each branch, the
+        gradient is m = sum of r g, and the Hessian is sum of r (H + g g' / tau) - m m' / tau.
         """
-        (g, cells, e), layout = point.v.shape, point.group_layout
-        size = layout.prices.stop
-        values, grads, hessians = (np.zeros((cells + 1, g, *shape) if second or not shape else 0)
-                                   for shape in ((), (size,), (size, size)))
-        lists = [(cells, i, columns, np.zeros(g), np.zeros((g, e)))
-                 for i, columns in enumerate(self.silent)]
+        shares = _soften(branches.value, self.tau)[1]
+        mean = (shares[..., None] * branches.gradient).sum(0)
+        hessian = sum(_scale(share, own + _square(gradient) / self.tau) for share, gradient, own
+                      in zip(shares, branches.gradient, branches.hessian))
+        hessian = hessian - _square(mean) / self.tau
+        return mean * self.count[:, None], _scale(self.count, hessian)
+
+    def _find_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
+        """
+        Return the branches: one for each cell, in which the transmitter sends, and silence.
+
+        The value of a branch is the sum over the UAVs of the smoothed maximum of their columns,
+        and, if the transmitter sends, its terms of v and its power.
+        """
+        terms = BranchTerms(point, differentiate)
+        silence = len(self.columns)
         for cell, parts in enumerate(self.columns):
-            values[cell], *derivatives = self._powers(
-                point.v[:, cell], point.prices[0], layout, cell, second)
-            if second:
-                grads[cell], hessians[cell] = derivatives
-            lists += [(cell, i, columns, self.weight, point.v[:, cell])
-                      for i, columns in enumerate(parts)]
-        for branch, i, columns, weight, v in lists:
-            index = layout.select_uav(i, self._select_v(layout, min(branch, cells - 1)))
-            own = len(index)
-            value, grad, hessian = (np.empty((g, *shape) if second or not shape else 0)
-                                    for shape in ((), (own,), (own, own)))
-            core.smooth_maxima(pack_columns(
-                self.team, i, point, columns, weight, v, self.tau), value, grad, hessian)
-            values[branch] += value
-            if second:
-                grads[branch][:, index] += grad
-                hessians[branch][:, index[:, None], index] += hessian
-        return values, grads, hessians
+            v, own = point.v[:, cell], self._select_v(point, cell)
+            terms.value[cell] = self._find_sending(v, point.prices[0])
+            if differentiate:
+                self._differentiate_sending(v, point.prices[0], own, terms.gradient[cell],
+                                            terms.hessian[cell])
+        for uav, columns in enumerate(self.silent):
+            none = np.zeros_like(self.weight), np.zeros_like(point.v[:, 0])
+            terms.add_columns(silence, uav, self._select_v(point, silence - 1), pack_columns(
+                self.team, uav, point, columns, *none, self.tau))
+        for cell, parts in enumerate(self.columns):
+            for uav, columns in enumerate(parts):
+                terms.add_columns(cell, uav, self._select_v(point, cell), pack_columns(
+                    self.team, uav, point, columns, self.weight, point.v[:, cell], self.tau))
+        return terms
 
-    def _powers(self, v: Array, price: float, layout: GroupLayout, cell: int,
-                second: bool) -> tuple[Array, Array, Array]:
-        """Return one cell's entropies and maximum over the transmit power, with derivatives."""
-        rest, peak = 1 - v.sum(-1), self.team.regions[0].peak
-        # `rest` is the last weight of the entropy, `slack` the part of the weight for the ground
-        # node's rate, and `paid` the unknown of the transmitter's price.
-        slack, own = self.weight - v.sum(-1), self._select_v(layout, cell)
-        paid = layout.prices.start
-        value, power = maximise_power(slack, price, peak)
-        totals = self.team.sum_listeners(v)
-        value = value - entropy(*totals) + entropy(self.weight)
-        if not second:
-            return value, np.zeros(0), np.zeros(0)
-        size = layout.prices.stop
-        grad, hess = np.zeros((len(v), size)), np.zeros((len(v), size, size))
-        inner = power < peak * (1 - 1e-12)
-        grad[:, own] = -np.log(power * rest)[:, None]
-        grad[:, paid] = -power
-        hess[:, own, own] = (1 / rest + inner / slack)[:, None, None]
-        for places, total in zip(self.team.listeners, totals):
+    def _find_sending(self, v: Array, price: float) -> Array:
+        """
+        Return H(w0) - H(v) + max over p of (w0 - s) log p - lam p, (G,) in nats; lemmas 1 and 3.
+
+        :param v: v of a cell, (G, E), with the sum s.
+        :param price: lam of the transmitter.
+        """
+        best, _ = maximise_power(self.weight - v.sum(-1), price, self.team.regions[0].peak)
+        return np.asarray(
+            best - entropy(*self.team.sum_listeners(v)) + entropy(self.weight))
+
+    def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
+                               hessian: Array) -> None:
+        """
+        Add the derivatives of _find_sending to a gradient (G, F) and a Hessian (G, F, F).
+
+        With the best power p, and t the sum of v of a place's listener, they are
+
+            by v      log t - log(1 - s) - log p;  by lam  -p,
+            by v, v   1 / (1 - s), and 1 / t for places of one listener,
+
+        and where p = (w0 - s) / lam is below the peak also 1 / (w0 - s) by v and v, 1 / lam by v
+        and lam, and (w0 - s) / lam^2 by lam and lam.
+
+        :param own: slice of v in the unknowns.
+        """
+        rest, slack, peak = 1 - v.sum(-1), self.weight - v.sum(-1), self.team.regions[0].peak
+        _, power = maximise_power(slack, price, peak)
+        is_inner = power < peak * (1 - 1e-12)
+        at_price = gradient.shape[1] - len(self.team.regions)
+        gradient[:, own] = -np.log(power * rest)[:, None]
+        gradient[:, at_price] = -power
+        hessian[:, own, own] = (1 / rest + is_inner / slack)[:, None, None]
+        for places, total in zip(self.team.listeners, self.team.sum_listeners(v)):
             at = own.start + places
-            grad[:, at] += np.log(total)[:, None]
-            hess[:, at[:, None], at] += (1 / total)[:, None, None]
-        hess[:, own, paid] = hess[:, paid, own] = (inner / price)[:, None]
-        hess[:, paid, paid] = inner * slack / price**2
-        return value, grad, hess
+            gradient[:, at] += np.log(total)[:, None]
+            hessian[:, at[:, None], at] += (1 / total)[:, None, None]
+        hessian[:, own, at_price] = hessian[:, at_price, own] = (is_inner / price)[:, None]
+        hessian[:, at_price, at_price] = is_inner * slack / price**2
+
+
+class BranchTerms:
+    """
+    The value of every branch in every group, with derivatives by a group's F unknowns.
+
+    :param point: the unknowns, with B cells.
+    :param differentiate: whether there are derivatives; otherwise their arrays are empty.
+    :ivar value: (B + 1, G) in nats; the last branch is silence.
+    :ivar gradient: (B + 1, G, F).
+    :ivar hessian: (B + 1, G, F, F).
+    """
+
+    def __init__(self, point: DualPoint, differentiate: bool) -> None:
+        groups, cells, _ = point.v.shape
+        self._layout, self._differentiate = point.group_layout, differentiate
+        self.value = np.zeros((cells + 1, groups))
+        count, size = cells + 1 if differentiate else 0, self._layout.prices.stop
+        self.gradient = np.zeros((count, groups, size))
+        self.hessian = np.zeros((count, groups, size, size))
+
+    def add_columns(self, branch: int, uav: int, own_v: slice, columns: dict[str, Any]) -> None:
+        """
+        Add the smoothed maxima of a UAV's columns to a branch.
+
+        :param own_v: slice of the branch's v in a group's unknowns.
+        :param columns: the columns, by pack_columns.
+        """
+        groups = self.value.shape[1]
+        index = self._layout.select_uav(uav, own_v)
+        value, size = np.empty(groups), len(index) if self._differentiate else 0
+        gradient, hessian = np.empty((groups, size)), np.empty((groups, size, size))
+        core.smooth_maxima(columns, value, gradient, hessian)
+        self.value[branch] += value
+        if self._differentiate:
+            self.gradient[branch][:, index] += gradient
+            self.hessian[branch][:, index[:, None], index] += hessian
+
+
+def _soften(values: Array, tau: float) -> tuple[Array, Array]:
+    """Return tau log sum exp(values / tau) over the rows (B, G), (G,), and the rows' shares."""
+    top = values.max(0)
+    shares = np.exp((values - top) / tau)
+    total = shares.sum(0)
+    return top + tau * np.log(total), shares / total
+
+
+def _scale(factors: Array, arrays: Array) -> Array:
+    """Return each of K arrays, (K, ...), times its factor, (K,)."""
+    return np.asarray(factors.reshape(-1, *[1] * (arrays.ndim - 1)) * arrays)
+
+
+def _square(vectors: Array) -> Array:
+    """Return the matrix x x' of each of K vectors x, (K, n), in an array (K, n, n)."""
+    return np.asarray(vectors[:, :, None] * vectors[:, None])
 
 
 def _smooth_largest_eigenvalue(curvature: Array) -> tuple[Array, Array, Array]:
-    """Return max(0, largest eigenvalue of S), smoothed, for S (G, 3), with derivatives."""
-    h, b = (curvature[:, 0] - curvature[:, 2]) / 2, curvature[:, 1]
-    r = np.sqrt(h * h + b * b + SMOOTHING**2)
-    largest = (curvature[:, 0] + curvature[:, 2]) / 2 + r
+    """
+    Return max(0, largest eigenvalue of S), smoothed, with gradient and Hessian by S.
+
+    With the smoothing width d, h = (S_11 - S_22) / 2 and r = sqrt(h^2 + S_12^2 + d^2), the
+    largest eigenvalue is smoothed to l = (S_11 + S_22) / 2 + r, and max(0, l) to
+    (l + sqrt(l^2 + d^2)) / 2.
+
+    :param curvature: (S_11, S_12, S_22) of each S, (K, 3).
+    :return: values (K,), gradients (K, 3) and Hessians (K, 3, 3).
+    """
+    s11, s12, s22 = curvature.T
+    h = (s11 - s22) / 2
+    r = np.sqrt(h * h + s12 * s12 + SMOOTHING**2)
+    largest = (s11 + s22) / 2 + r
     root = np.sqrt(largest * largest + SMOOTHING**2)
     first = (1 + largest / root) / 2
-    slope = np.stack([0.5 + h / (2 * r), b / r, 0.5 - h / (2 * r)], -1)
-    # The second derivatives of r by h and b, and by S through them.
-    move = np.array([[0.5, 0.0, -0.5], [0.0, 1.0, 0.0]])
-    unit = np.stack([h, b], -1) / r[:, None]
-    inner = (np.eye(2) - unit[:, :, None] * unit[:, None]) / r[:, None, None]
-    second = (first[:, None, None] * (move.T @ inner @ move)
-              + (SMOOTHING**2 / (2 * root**3))[:, None, None] * slope[:, :, None] * slope[:, None])
-    return (largest + root) / 2, first[:, None] * slope, second
+    slope = np.stack([0.5 + h / (2 * r), s12 / r, 0.5 - h / (2 * r)], -1)
+    # The second derivatives of r by (h, S_12) are (I - n n') / r with n = (h, S_12) / r.
+    by_curvature = np.array([[0.5, 0.0, -0.5], [0.0, 1.0, 0.0]])
+    direction = np.stack([h, s12], -1) / r[:, None]
+    of_r = by_curvature.T @ (
+        (np.eye(2) - _square(direction)) / r[:, None, None]) @ by_curvature
+    second = _scale(first, of_r) + (
+        SMOOTHING**2 / (2 * root**3))[:, None, None] * slope[:, :, None] * slope[:, None]
+    return (largest + root) / 2, _scale(first, slope), second

@@ -101,18 +101,24 @@ class MultiplierSearch:
             v[:, None], prices)
 
     def begin_from(self, coarse: MultiplierSearch) -> None:
-        """Take the multipliers of a search on longer groups, with linear potentials."""
+        """
+        Take the multipliers of a search on longer groups, with linear potentials.
+
+        Potentials are interpolated between edges. Each v is scaled so that the slack w0 - s, which
+        may be tiny, stays the same.
+        """
         point, old, new = coarse.point, coarse.team.groups, self.team.groups
-        x = point.potentials.reshape(len(old.edges), -1)
-        x = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
+        numbers = point.potentials.reshape(len(old.edges), -1)
+        potentials = np.stack(
+            [np.interp(new.edges, old.edges, number) for number in numbers.T], -1)
         group = np.searchsorted(old.last, (new.first + new.last) // 2)
-        # The slack w0 - s, which may be tiny, stays the same.
-        v = point.v[group]
-        total, weight = v.sum(-1), self.weight[:, None]
-        new_total = np.clip(weight - (coarse.weight[group, None] - total), 0.02,
-                            weight * (1 - 1e-7))
-        self.point = replace(point, potentials=x.reshape(-1, *point.potentials.shape[1:]),
-                             v=v * (new_total / total)[..., None])
+        v, weight = point.v[group], self.weight[:, None]
+        total = v.sum(-1)
+        slack = coarse.weight[group, None] - total
+        new_total = np.clip(weight - slack, 0.02, weight * (1 - 1e-7))
+        self.point = replace(
+            point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
+            v=v * (new_total / total)[..., None])
 
     def evaluate(self, uav: int, columns: Columns, weight: Array | None = None,
                  v: Array | None = None) -> Array:
@@ -131,21 +137,25 @@ class MultiplierSearch:
 
     def dual(self, tau: float) -> Dual:
         """Add a round of columns, and return the dual function on the best columns."""
-        slopes = np.diff(self.point.potentials[..., self.point.layout.slope], axis=0)
-        for cell, pools in enumerate(self.pools):
-            for i, pool in enumerate(pools):
-                pool.add_round(partial(self._evaluate_in_cell, cell, i))
-                if self.thorough:
-                    pool.add_exact(self.find_better(
-                        i, self.cells.take_part(cell, len(self.weight)), self.weight,
-                        self.point.v[:, cell],
-                        self._evaluate_in_cell(cell, i, pool.latest).max(1)))
-        for i, pool in enumerate(self.pools[0]):
-            pool.add_silent_places(None if self.point.layout.quadratic else slopes[:, i],
-                                   partial(self.evaluate, i))
-        columns = [[self._restrict(cell, i, pool.latest) for i, pool in enumerate(pools)]
+        self._add_round()
+        columns = [[self._restrict(cell, uav, pool.latest) for uav, pool in enumerate(pools)]
                    for cell, pools in enumerate(self.pools)]
         return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
+
+    def _add_round(self) -> None:
+        """Add to every pool the best columns and silent places for the present multipliers."""
+        for cell, pools in enumerate(self.pools):
+            for uav, pool in enumerate(pools):
+                pool.add_round(partial(self._evaluate_in_cell, cell, uav))
+                if self.thorough:
+                    incumbents = self._evaluate_in_cell(cell, uav, pool.latest).max(1)
+                    pool.add_exact(self.find_better(
+                        uav, self.cells.take_part(cell, len(self.weight)), self.weight,
+                        self.point.v[:, cell], incumbents))
+        slopes = np.diff(self.point.potentials[..., self.point.layout.slope], axis=0)
+        for uav, pool in enumerate(self.pools[0]):
+            pool.add_silent_places(None if self.point.layout.quadratic else slopes[:, uav],
+                                   partial(self.evaluate, uav))
 
     def _evaluate_in_cell(self, cell: int, uav: int, columns: Columns) -> Array:
         """Return the values of a UAV's columns, (G, C) in nats, with the v of one cell."""
@@ -162,52 +172,60 @@ class MultiplierSearch:
     def find_better(self, uav: int, cells: Cells, weight: Array, v: Array,
                     incumbents: Array) -> Columns:
         """
-        Return a column of a UAV for every function, (M, 1), by the certificate's branch and bound.
+        Return a better column of a UAV for every function, (M, 1), by branch and bound.
 
-        A function for which nothing is better than its incumbent gets a column that is worth
-        nothing.
+        A function is the value of the UAV's columns at one w0 and v, over one cell. If no column
+        is better than the function's incumbent, its column is worth -WORTHLESS.
 
         :param cells: C cells of the last UAV; function m is over cell m modulo C.
         :param weight: w0 of the functions, (M,).
         :param v: eavesdropper multipliers of the functions, (M, E).
         :param incumbents: largest values of known columns, (M,) in nats.
         """
-        def stop() -> bool:
-            self.raise_if_over()
-            return False
-
         region, potential = self.team.regions[uav], self.potential(uav)
         cell = np.arange(len(weight)) % len(cells.group)
         if uav + 1 < len(self.team.regions):
+            # Only the last UAV is restricted to cells.
             cells, cell = Cells.whole(region), cells.group[cell]
-        group, points = cells.group[cell], np.full((len(weight), 3), np.nan)
-        Terms(potential, cells, cell, weight, v, float(self.point.prices[uav]),
-              find_power_range(self.team, uav) if uav else None).bound_maxima(
-                  incumbents + _find_constant(potential)[group], stop, PRICING_BUDGET, points)
-        better = np.isfinite(points[:, 0])
-        place = np.where(better[:, None], points[:, :2], region.bounding_box[0][group])
-        power = np.where(better, np.exp(points[:, 2]), 0.0) if uav else np.zeros(len(weight))
-        columns = Columns.of(region, place[:, None], power[:, None])
-        return replace(columns, ground=np.where(better[:, None], columns.ground, -WORTHLESS))
+        group = cells.group[cell]
+        terms = Terms(potential, cells, cell, weight, v, float(self.point.prices[uav]),
+                      find_power_range(self.team, uav) if uav else None)
+        # Place and log power of each function's best point; NaN if none beats its incumbent.
+        points = np.full((len(weight), 3), np.nan)
+        terms.bound_maxima(incumbents + _find_constant(potential)[group], self._ask_to_go_on,
+                           PRICING_BUDGET, points)
+        is_better = np.isfinite(points[:, :1])
+        place = np.where(is_better, points[:, :2], region.bounding_box[0][group])
+        power = np.where(is_better, np.exp(points[:, 2:]), 0.0)
+        columns = Columns.of(region, place[:, None], power if uav else np.zeros_like(power))
+        return replace(columns, ground=np.where(is_better, columns.ground, -WORTHLESS))
+
+    def _ask_to_go_on(self) -> bool:
+        """Call raise_if_over; return False, so that branch and bound is not stopped."""
+        self.raise_if_over()
+        return False
 
     def cut_cells(self, tau: float) -> None:
         """
         Cut the cell with the largest value in every group in two, amid its best columns.
 
-        Each part begins with the cell's v and columns.
+        The columns' places have the shares exp(value / tau). The cut is at their mean, across the
+        axis along which their variance is larger. Each part begins with the cell's v and columns.
 
-        :param tau: temperature [nats] of the best columns.
+        :param tau: temperature [nats] of the shares.
         """
-        dual, row, last = self.dual(tau), np.arange(len(self.weight)), len(self.team.regions) - 1
+        dual, group = self.dual(tau), np.arange(len(self.weight))
+        last = len(self.team.regions) - 1
         worst = dual.find_worst_cell(self.point)
         columns = Columns.choose([parts[last] for parts in dual.columns], worst)
-        v = self.point.v[row, worst]
+        v = self.point.v[group, worst]
         value = self.evaluate(last, columns, self.weight, v)
         share = np.exp((value - value.max(1, keepdims=True)) / tau)[..., None]
         share /= share.sum(1, keepdims=True)
         mean = (share * columns.place).sum(1)
-        axis = (share * (columns.place - mean[:, None])**2).sum(1).argmax(1)
-        self.cells = self.cells.cut(worst * len(row) + row, axis, mean[row, axis])
+        variance = (share * (columns.place - mean[:, None])**2).sum(1)
+        axis = variance.argmax(1)
+        self.cells = self.cells.cut(worst * len(group) + group, axis, mean[group, axis])
         self.point = replace(self.point, v=np.concatenate([self.point.v, v[:, None]], 1))
         self.pools.append([ColumnPool.choose(list(pools), worst) for pools in zip(*self.pools)])
 
@@ -234,8 +252,9 @@ class MultiplierSearch:
         """
         Take a Newton step, damped until it pays; return the slope along it, or 0 without a step.
 
-        The dual function is flat in many directions and sharp in others, see
-        ArrowSystem.solve. The next step begins with the damping of this one.
+        A step pays if it lowers the dual function by a tenth of length times slope. The lengths
+        1, 0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve. The next step
+        begins with the damping of this one.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -285,13 +304,15 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     """
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
-    w0 = phi'(z0) and v are the values of lemma 1 at the places and powers of the plan. The loudest
-    places get most of v. Measured: with v in equal shares, bounds of missions with several
-    eavesdroppers are up to 2.8% above the plan instead of 0.1%.
+    w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
+    The sum is divided among places by their SINR: between listeners in proportion, among the
+    places of one listener by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
+    of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
     :param watts: powers of the UAVs, (U, G), above 0 for the transmitter.
     """
+    # Received powers over noise from each UAV, (U, G) and (U, G, E).
     ground, leaks = [], []
     for region, place, power in zip(team.regions, places, watts):
         log_ground, log_leaks = region.log_squares(place)
@@ -300,48 +321,82 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     z0, ze = (np.log(np.maximum(compute_sinr(np.array(received)), 1e-9))
               for received in (ground, leaks))
     weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
+    # The largest log SINR of each listener, (G, number of listeners).
     largest = np.stack([ze[:, index].max(-1) for index in team.listeners], -1)
     leak = sigmoid(np.logaddexp.reduce(largest, -1))
     prices = np.array([FIRST_PRICE, JAMMER_PRICE])[:len(watts)]
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
     slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
     total = np.clip(np.minimum(leak, weight - slack), LEAST_LEAK, weight * (1 - 1e-7))
-    share = np.empty_like(ze)
-    for index, loudest in zip(team.listeners, largest.T):
-        near = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
-        share[:, index] = near / near.sum(-1, keepdims=True) * np.exp(
-            loudest - largest.max(-1))[:, None]
-    share = share / share.sum(-1, keepdims=True) + LEAST_SHARE
+    share = _find_place_shares(team, ze, largest)
     return weight, (total / share.sum(-1))[:, None] * share, prices
 
 
+def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
+    """
+    Return a weight of each place, (G, E), larger for louder places and at least LEAST_SHARE.
+
+    :param ze: log SINR at the places, (G, E).
+    :param largest: largest log SINR of each listener, (G, number of listeners).
+    """
+    share = np.empty_like(ze)
+    for index, loudest in zip(team.listeners, largest.T):
+        in_listener = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
+        of_listener = np.exp(loudest - largest.max(-1))[:, None]
+        share[:, index] = in_listener / in_listener.sum(-1, keepdims=True) * of_listener
+    return share / share.sum(-1, keepdims=True) + LEAST_SHARE
+
+
 def build_multipliers(search: MultiplierSearch) -> Multipliers:
-    """Return the multipliers of the certificate, with cells and breakpoints of w0."""
-    team, uavs = search.team, range(len(search.team.regions))
-    candidates = [ColumnPool.join(list(pools)) for pools in zip(*search.pools)]
-    v = np.concatenate(np.moveaxis(search.point.v, 1, 0))
-    group = search.cells.group
+    """
+    Return the multipliers of the certificate, with cells and breakpoints of w0.
+
+    The potentials and prices are the search's. v is chosen anew for each of K breakpoints in each
+    of C cells: first on all columns of the search, then on better columns of branch and bound.
+    """
+    groups, candidates = len(search.weight), map(list, zip(*search.pools))
     bounds = SlotBounds(
-        team, [(part, search.evaluate(i, part)) for i, part in enumerate(candidates)],
+        search.team, [(part, search.evaluate(i, part))
+                      for i, part in enumerate(map(ColumnPool.join, candidates))],
         float(search.point.prices[0]), search.raise_if_over)
-    cells, ratio = bounds.divide(search.cells, search.weight, v / search.weight[group, None])
-    weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
+    # The search's v of each cell, (C, E), and its ratio to w0 of the cell's group.
+    v = np.concatenate(np.moveaxis(search.point.v, 1, 0))
+    cells, ratio = bounds.divide(
+        search.cells, search.weight, v / search.weight[search.cells.group, None])
+    weights = np.sort([*(np.full(groups, w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)[:, cells.group]
     v, incumbents, _ = bounds.minimise(weights, cells, ratio)
     for _ in range(PRICING_ROUNDS if search.thorough else 0):
-        for i in uavs:
-            better = search.find_better(i, cells, weights.ravel(), v.reshape(-1, v.shape[-1]),
-                                        incumbents[i].ravel()).spread(
-                                            np.tile(cells.group, len(weights)),
-                                            len(search.weight))
-            bounds.add(i, better, search.evaluate(i, better))
+        _add_better_columns(bounds, search, cells, weights, v, incumbents)
         v, incumbents, _ = bounds.minimise(weights, cells, v / weights[..., None])
-    potentials = tuple(map(search.potential, uavs))
+    potentials = tuple(map(search.potential, range(len(search.team.regions))))
     constant = np.array(list(map(_find_constant, potentials)))[:, cells.group]
-    pools = search.pools[0]
-    silent = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(pools)]
-    places = pools[-1].silent.place[cells.group]
-    silent[-1] = np.where(cells.contain(places), silent[-1], -np.inf)
     return Multipliers(
         potentials, search.point.prices, cells, weights, v,
-        constant + [values.max(1) for values in silent], incumbents + constant[:, None])
+        constant + _find_silent_maxima(search, cells), incumbents + constant[:, None])
+
+
+def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cells,
+                        weights: Array, v: Array, incumbents: Array) -> None:
+    """
+    Add to bounds the best column of each UAV for every breakpoint and cell.
+
+    :param weights: w0, (K, C).
+    :param v: eavesdropper multipliers, (K, C, E).
+    :param incumbents: largest values of the columns so far, (U, K, C) in nats.
+    """
+    for uav, values in enumerate(incumbents):
+        better = search.find_better(
+            uav, cells, weights.ravel(), v.reshape(-1, v.shape[-1]), values.ravel())
+        columns = better.spread(np.tile(cells.group, len(weights)), len(search.weight))
+        bounds.add(uav, columns, search.evaluate(uav, columns))
+
+
+def _find_silent_maxima(search: MultiplierSearch, cells: Cells) -> Array:
+    """Return the largest value of each UAV's silent columns in each cell, (U, C) in nats."""
+    pools = search.pools[0]
+    values = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(pools)]
+    # Only the last UAV is restricted to cells.
+    places = pools[-1].silent.place[cells.group]
+    values[-1] = np.where(cells.contain(places), values[-1], -np.inf)
+    return np.array([value.max(1) for value in values])

@@ -81,14 +81,14 @@ class SlotBounds:
         """
         every = np.arange(len(cells.group))
         quarters, parent = cells.quarter(every), np.tile(every, 4)
-        before, after = (
-            self.minimise(weight[None, part.group], part, start)[2][0]
-            for part, start in ((cells, ratio), (quarters, ratio[parent])))
-        largest = np.full(len(weight), -np.inf)
-        np.maximum.at(largest, quarters.group, after)
-        chosen = np.flatnonzero(before - largest[cells.group] > LEAST_GAIN)
-        return cells.quarter(chosen), ratio[np.concatenate(
-            [every, np.tile(chosen, 3)])]
+        _, _, before = self.minimise(weight[None, cells.group], cells, ratio)
+        _, _, after = self.minimise(weight[None, quarters.group], quarters, ratio[parent])
+        # The bound of a slot is the largest one of its group's cells.
+        slot_bounds = np.full(len(weight), -np.inf)
+        np.maximum.at(slot_bounds, quarters.group, after[0])
+        chosen = np.flatnonzero(before[0] - slot_bounds[cells.group] > LEAST_GAIN)
+        # `quarter` keeps one part of a chosen cell in its place and appends the three others.
+        return cells.quarter(chosen), ratio[np.concatenate([every, np.tile(chosen, 3)])]
 
 
 def _arrange(columns: Columns, base: Array) -> tuple[Array, ...]:

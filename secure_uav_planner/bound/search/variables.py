@@ -51,6 +51,8 @@ class GroupLayout(NamedTuple):
     """
     The slices of the parts of a slot group's F unknowns.
 
+    The order is: potentials before, v, potentials after, prices.
+
     :param before: slice of the potentials of all UAVs at the edge before the group.
     :param v: slice of the eavesdropper multipliers of all cells, cell by cell.
     :param after: slice of the potentials of all UAVs at the edge after the group.
@@ -63,11 +65,14 @@ class GroupLayout(NamedTuple):
     prices: slice
 
     def select_uav(self, i: int, v: slice) -> NDArray[np.intp]:
-        """Return the indices of one cell's v, and of UAV i's potentials and price."""
-        size = self.before.stop // (self.prices.stop - self.prices.start)
-        own = i * size + np.arange(size)
-        return np.r_[v, own, self.after.start + own,
-                     self.prices.start + i]
+        """
+        Return the indices of the unknowns on which UAV i's columns depend, (E + 2 P + 1,).
+
+        They are a cell's v, whose slice is given, and the UAV's potentials and price.
+        """
+        uavs = self.prices.stop - self.prices.start
+        own = np.array_split(np.arange(self.before.stop), uavs)[i]
+        return np.r_[v, own, self.after.start + own, self.prices.start + i]
 
 
 def _lay_out(*sizes: int) -> Iterator[slice]:
@@ -108,15 +113,19 @@ class DualPoint:
         """
         Return this step, shortened so that v, slack and prices stay positive.
 
-        v is shortened in each cell alone, and each price alone.
+        A step ends at 0.9 of the way to the first 0: the v of each cell have a length of their
+        own, and so has each price.
 
         :param slack: w0 minus the sum of v at the point, (G, B).
         """
-        with np.errstate(divide='ignore', invalid='ignore'):
-            total = -self.v.sum(-1)
-            most = np.minimum(
-                np.where(self.v < 0, -point.v / self.v, np.inf).min(-1),
-                np.where(total < 0, -slack / total, np.inf))
-            prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
-        return replace(self, v=self.v * np.minimum(1.0, 0.9 * most)[..., None],
-                       prices=self.prices * np.minimum(1.0, 0.9 * prices))
+        of_v = np.minimum(_find_way_to_zero(point.v, self.v).min(-1),
+                          _find_way_to_zero(slack, -self.v.sum(-1)))
+        of_prices = _find_way_to_zero(point.prices, self.prices)
+        return replace(self, v=self.v * np.minimum(1.0, 0.9 * of_v)[..., None],
+                       prices=self.prices * np.minimum(1.0, 0.9 * of_prices))
+
+
+def _find_way_to_zero(values: Array, steps: Array) -> Array:
+    """Return by what factor of its step each positive value becomes 0; inf if it never does."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        return np.where(steps < 0, -values / steps, np.inf)

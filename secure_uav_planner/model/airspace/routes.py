@@ -59,28 +59,29 @@ class VisibilityGraph:
         """
         Return routes between two places, the shortest first, each (K, 2) in m.
 
-        Each alternative passes one obstacle of the shortest route on the opposite side.
+        Each alternative passes one obstacle of the shortest route on the opposite side: it may
+        not cross the ray from inside the obstacle through the corner that the shortest route
+        touches.
 
+        :param begin: the first place, (2,) in m.
+        :param end: the last place, (2,) in m.
         :param most: largest number of routes.
         """
         places, edges = self._insert(np.stack([begin, end]))
         shortest = _find_shortest_route(places, edges)
         if shortest is None:
             return []
-        routes = [shortest]
+        routes, corners = [shortest], shortest[1:-1]
         for part in self._parts:
-            touched = shortest[1:-1][shapely.distance(
-                part, shapely.points(shortest[1:-1])) <= _ROUNDING]
+            touched = corners[shapely.distance(part, shapely.points(corners)) <= _ROUNDING]
             if not len(touched) or len(routes) == most:
                 continue
-            # An alternative may not cross the ray from inside the obstacle through the corner that
-            # the shortest route touches.
             centre = np.array(part.representative_point().coords[0])
             away = touched[len(touched) // 2] - centre
             ray = shapely.linestrings(np.stack([
                 centre, centre + away * (1e5 / max(math.hypot(*away), 1e-9))]))
-            clear = ~shapely.intersects(ray, draw_edges(places, edges))
-            alternative = _find_shortest_route(places, edges[:, clear])
+            is_allowed = ~shapely.intersects(ray, draw_edges(places, edges))
+            alternative = _find_shortest_route(places, edges[:, is_allowed])
             if alternative is not None:
                 routes.append(alternative)
         return routes

@@ -19,8 +19,9 @@ MOST_SECTORS = 50000
 """
 Approximate limit of the sectors examined in a slot; the bound reached by then is returned.
 
-Of 36000 slots of random scenarios, among them all extremes that a Scenario allows, none needed
-20000, 99 of 100 needed less than 1200, half of them 20. With two UAVs 50000 take 0.02 s.
+Measured in 36000 slots of random scenarios, with all extremes that a Scenario allows: no slot
+needed 20000 sectors, 99% of the slots less than 1200, and half of the slots 20. With two UAVs,
+50000 sectors take 0.02 s.
 """
 
 _AT_ONCE = 2**15  # Triples (slot, eavesdropper, UAV) in a chunk whose arrays fit into caches.
@@ -139,29 +140,31 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
     :param radii: radii of the discs, (N, E) in m.
     """
     offsets = uav_positions[:, :, None] - centres
-    most = _guaranteed_leaks(scenario, radii, offsets, powers)
-    leaks = combine_leaks(most) if scenario.colluding else most.max(axis=1)
-    eves = most.argmax(axis=1)
-    places = np.zeros((len(leaks), 2))
+    by_formula = _guaranteed_leaks(scenario, radii, offsets, powers)
+    leaks = combine_leaks(by_formula) if scenario.colluding else by_formula.max(axis=1)
+    eves = by_formula.argmax(axis=1)
+    places = np.zeros((len(leaks), 2))  # Places from the centre of the eavesdropper's disc.
     # A leak below the tolerance, as in a silent slot, keeps the formula's bound and the centre.
     scale = find_rate_scale(scenario)
     active = np.flatnonzero(leaks > scale * core.TOLERANCE)
-    if active.size:
-        discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
-        # Leaks of colluding eavesdroppers add up; otherwise only the largest matters.
-        count = most.shape[1] if scenario.colluding else 1
-        groups = active.size * count
-        slot = np.repeat(np.arange(groups), most.shape[1] // count)
-        proven: Array = np.empty(groups)
-        disc, place = np.empty(groups, np.int64), np.empty((groups, 2))
-        core.prove_leaks(discs, slot, most[active].ravel(), MOST_SECTORS,
-                         scale * core.TOLERANCE / count, proven, disc, place)
-        grouped = proven.reshape(-1, count)
-        worst = np.arange(0, groups, count) + grouped.argmax(axis=1)
-        eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
-        total = combine_leaks(grouped) if scenario.colluding else proven
-        leaks[active] = np.minimum(leaks[active], total + _ROUNDING * np.minimum(
-            np.maximum(scale, total), 1.0))
+    if not active.size:
+        return leaks, centres[np.arange(len(eves)), eves] + places
+    discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
+    # A group has one proven leak. Leaks of colluding eavesdroppers add up, so each disc is a
+    # group; otherwise only the largest matters, and the discs of a slot are one group.
+    groups_each = by_formula.shape[1] if scenario.colluding else 1
+    groups = active.size * groups_each
+    group = np.repeat(np.arange(groups), by_formula.shape[1] // groups_each)
+    proven: Array = np.empty(groups)
+    disc, place = np.empty(groups, np.int64), np.empty((groups, 2))
+    core.prove_leaks(discs, group, by_formula[active].ravel(), MOST_SECTORS,
+                     scale * core.TOLERANCE / groups_each, proven, disc, place)
+    by_slot = proven.reshape(-1, groups_each)
+    worst = np.arange(0, groups, groups_each) + by_slot.argmax(axis=1)
+    eves[active], places[active] = disc[worst] % by_formula.shape[1], place[worst]
+    total = combine_leaks(by_slot) if scenario.colluding else proven
+    leaks[active] = np.minimum(leaks[active], total + _ROUNDING * np.minimum(
+        np.maximum(scale, total), 1.0))
     return leaks, centres[np.arange(len(eves)), eves] + places
 
 

@@ -81,20 +81,44 @@ def compile_energies(grid: Grid, positions: Array) -> core.Energies:
 
     :param positions: the flights for which they are exact, (U, N+2, 2) in m.
     """
+    moves, weights = _compile_moves(grid)
+    terms, uavs = _list_power_terms(grid), len(grid.scenario.uavs)
+    by_simpson = np.empty(uavs)
+    path = np.ascontiguousarray((positions.swapaxes(0, 1) - grid.origin) / grid.length)
+    core.Energies(moves, weights, terms, np.zeros(uavs)).find(path, by_simpson)
+    exact = measure_energies(grid.scenario, positions) / grid.scenario.max_energies
+    return core.Energies(moves, weights, terms, exact - by_simpson)
+
+
+def _list_power_terms(grid: Grid) -> Array:
+    """
+    Return the coefficients of each UAV's power curve, (U, 4), for moves in units of the grid.
+
+    They are of the blade's, the induced and the drag's term, in shares of max_energy a slot, with
+    the scale of squared moves in the induced term third. A UAV without propulsion has zeros.
+    """
+    scenario = grid.scenario
     unit = (grid.length / grid.slot_duration)**2  # The unit of squared speeds.
-    budgets = grid.scenario.max_energies
-    terms = np.zeros((len(budgets), 4))
-    for index, (uav, budget) in enumerate(zip(grid.scenario.uavs, budgets, strict=True)):
+    terms = np.zeros((len(scenario.uavs), 4))
+    for row, uav, budget in zip(terms, scenario.uavs, scenario.max_energies, strict=True):
         wing = uav.propulsion
         if wing is not None:
-            terms[index] = grid.slot_duration / budget * np.array([
+            row[:] = grid.slot_duration / budget * np.array([
                 3 * wing.blade_power * unit / wing.tip_speed**2, wing.induced_power, 0.0,
                 wing.drag * unit**1.5])
-            terms[index, 2] = unit / (2 * wing.induced_velocity**2)
-    uavs, slots = len(budgets), grid.slots
-    # Each of S moves is share * (end - begin) plus a constant, and has a weight of Simpson's rule.
-    # First come the moves of the path, then the mean moves in the middle of slots, then the mean
-    # moves at both ends.
+            row[2] = unit / (2 * wing.induced_velocity**2)
+    return terms
+
+
+def _compile_moves(grid: Grid) -> tuple[core.Vectors, Array]:
+    """
+    Return the kernel's form of the S moves of Simpson's rule, and their weights, (U, S).
+
+    A move is share * (end - begin) plus a constant. First come the N + 1 moves of the path, then
+    the N mean moves in the middle of slots, then the mean moves at both ends. An end with a free
+    velocity has the move of the path next to it.
+    """
+    uavs, slots = len(grid.scenario.uavs), grid.slots
     begin = np.concatenate([np.arange(slots + 1), np.arange(slots), [0, slots]])
     end = np.concatenate([np.arange(1, slots + 2), np.arange(2, slots + 2), [1, slots + 1]])
     share = np.tile(np.repeat([1.0, 0.5], [slots + 1, slots + 2]), (uavs, 1))
@@ -105,10 +129,5 @@ def compile_energies(grid: Grid, positions: Array) -> core.Energies:
     free = np.isnan(end_moves[..., 0])
     share[:, -2:][free], weights[:, -2:][free] = 1.0, 5 / 6
     points = np.stack([begin, end], axis=-1) * uavs + np.arange(uavs)[:, None, None]
-    moves = compile_vectors(
-        grid, points, share[..., None] * [-1.0, 1.0], constants, differences=True)
-    shares = np.empty(uavs)
-    path = np.ascontiguousarray((positions.swapaxes(0, 1) - grid.origin) / grid.length)
-    core.Energies(moves, weights, terms, np.zeros(uavs)).find(path, shares)
-    exact = measure_energies(grid.scenario, positions) / budgets
-    return core.Energies(moves, weights, terms, exact - shares)
+    return compile_vectors(
+        grid, points, share[..., None] * [-1.0, 1.0], constants, differences=True), weights

@@ -46,20 +46,26 @@ class ControlPoints:
 
     def __init__(self, grid: Grid, on_curve: bool) -> None:
         self.grid = grid
-        piece = _POINT if not on_curve else (
-            _SMOOTH if grid.scenario.limits_acceleration else _STRAIGHT)
+        is_smooth = grid.scenario.limits_acceleration
+        piece = _POINT if not on_curve else _SMOOTH if is_smooth else _STRAIGHT
         self.weights: Array = np.tile(piece, (grid.slots + 2, len(grid.scenario.uavs), 1, 1))
-        if not on_curve:
+        if not on_curve:  # The ends of the curve.
             self.weights[0], self.weights[-1] = _SMOOTH[:1], _SMOOTH[2:]
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
         self._close_ends()
         self.all_weights = self.weights.copy()
+        # Start q[0], goal q[N+1] and all points of fixed UAVs do not vary.
         self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
         self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
         self.weights[:, grid.fixed] = 0.0
 
     def _close_ends(self) -> None:
-        """Replace the points q[-1] and q[N+2] by points of the flight and end velocities."""
+        """
+        Replace the points q[-1] and q[N+2], which are no points of the flight.
+
+        They are q[0] - v_start ts and q[N+1] + v_goal ts. With a free velocity they continue the
+        nearest move: q[-1] = 2 q[0] - q[1].
+        """
         velocities = self.grid.scenario.end_velocities
         if not self.grid.scenario.limits_acceleration:
             velocities = np.zeros_like(velocities)  # UAVs rest at both ends.

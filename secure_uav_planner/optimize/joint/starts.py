@@ -328,9 +328,10 @@ def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
 
 def limit_powers(scenario: Scenario) -> Array:
     """
-    Return the powers of starts, (U, 1) in W: the average powers, limited for jammers.
+    Return the largest powers of starts, (U, 1) in W.
 
-    Any share of a larger jamming power would drown the transmitter.
+    They are the average powers, and for jammers at most STARTS.most_power times the transmitter's:
+    more jamming would drown the transmitter at the ground node.
     """
     most = STARTS.most_power * scenario.average_powers[0]
     return np.minimum(scenario.average_powers, most)[:, None]

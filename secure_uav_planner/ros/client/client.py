@@ -332,6 +332,7 @@ class SecurePlanner:
                 self._arrived.wait(0.05)
 
     def _pose_kind(self, name: str) -> type[PoseStamped] | type[PoseWithCovarianceStamped]:
+        """Return the class of the pose messages of a member; refuse an unknown name."""
         members = *self._receivers, *self.names
         if name not in members:
             raise ClientError(f'there is no member {quote(name)}; there are {", ".join(members)}')
@@ -365,6 +366,7 @@ class SecurePlanner:
         self.plan_time = message
 
     def _take_status(self, message: DiagnosticStatus) -> None:
+        """Keep the status in a message, and pass it on."""
         try:
             self.status = PlannerStatus.from_message(message)
         except OptionError:  # A stranger may publish on its topic what is not a status.
@@ -372,6 +374,7 @@ class SecurePlanner:
         self._on_status(self.status)
 
     def _spin(self) -> None:
+        """Run callbacks until the client stops, and wake up the methods that wait for messages."""
         node = self.node
         while not self._stop.is_set():
             try:

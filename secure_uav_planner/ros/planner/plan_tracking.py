@@ -5,7 +5,7 @@ Only the reports of a follower on `plan_time` say that a plan is flown.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import math
 
 import numpy as np
@@ -330,9 +330,21 @@ class PlanTracking:
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._track.add(flight.playback, flight.time, positions, flight.time_scale)
 
+    def _distance_problems(self, flight: Flight, distances: Mapping[str, float],
+                           settings: PlannerSettings) -> list[str]:
+        """Return in words which UAVs are farther from their plan than track_tolerance."""
+        most = settings.track_tolerance
+        margin = flight.playback.plan.scenario.tracking_margin
+        return [
+            f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond '
+            f'{max(most, margin):g} m'
+            if flight.is_under_way and self._is_held(name, [*settings.uavs].index(name), flight)
+            else f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
+                 f'{most:g} m' for name, distance in distances.items() if distance > most]
+
     def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
         """Return the problems of the flight in words, and the flight as the status shows it."""
-        flight, most = self.flight(now), settings.track_tolerance
+        flight = self.flight(now)
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [
             problem for name in settings.uavs
@@ -345,14 +357,8 @@ class PlanTracking:
             problems.append(
                 f'the follower {quote(self._followed.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
-        problems += [
-            f'{name} is held {distance:.1f} m from its plan; nothing is sent beyond '
-            f'{max(most, flight.playback.plan.scenario.tracking_margin):g} m'
-            if flight.is_under_way and self._is_held(name, [*settings.uavs].index(name), flight)
-            else f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
-                 f'{most:g} m'
-            for name, distance in distances.items()
-            if flight.state != 'waiting' and distance > most]
+        if flight.state != 'waiting':
+            problems += self._distance_problems(flight, distances, settings)
         newest = next(reversed(self._plans.values()))
         rates = self._track.rates or (math.nan, math.nan)
         late = now - start_of(newest.plan) * 1e-9 - newest.begin

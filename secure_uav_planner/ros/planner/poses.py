@@ -177,12 +177,17 @@ class PoseBook:
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
-        """Return advice, once, about an eavesdropper that is planned as standing and moves."""
+        """
+        Return advice, once, about an eavesdropper that is planned as standing and moves.
+
+        It has left the disc of its first pose if the discs of _OUTSIDE poses in a row do not
+        meet this disc.
+        """
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
-        if (name not in settings.eavesdroppers or topic != pose_topic
-                or settings.eavesdroppers[name].max_speed
-                or self.usable_pose(name, settings, now) is not pose):
+        is_standing = (name in settings.eavesdroppers and topic == pose_topic
+                       and not settings.eavesdroppers[name].max_speed)
+        if not is_standing or self.usable_pose(name, settings, now) is not pose:
             return ''
         radius = pose.radius(name, settings)
         disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
@@ -345,6 +350,7 @@ def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
 
 
 def _check_range(vector: Any, name: str, allowed: Number) -> None:
+    """Raise a PoseError, with the name, unless x, y and z are within the allowed range."""
     most, unit = allowed.high, allowed.unit
     for axis in 'xyz':
         value = getattr(vector, axis)

@@ -61,7 +61,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     """
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
     nodes, eavesdroppers, notes = [], [], {}
-    moving, scheduled = [], set()
+    moves_by_estimate, scheduled = False, set()
     for name in settings.receivers:
         is_node, track = name in settings.ground_nodes, settings.tracks.get(name)
         pose = poses.usable_pose(name, settings, now)
@@ -73,14 +73,16 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
             if track is not None:
                 notes[name] = (f'using the estimate of {name} instead of its track in the mission '
                                'file')
-            radius, speed = (0.0, 0.0) if is_node else (
+            known_radius, speed = (0.0, 0.0) if is_node else (
                 pose.radius(name, settings), settings.eavesdroppers[name].max_speed)
             if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
                 notes[name] = (f'{name} is faster than {name}.max_speed, which is {speed:g} m/s; '
                                'using the measured speed')
-            track = _predict(pose, radius, speed, settings.confidence, until, clock)
-            moving.append(track)
-            position, radius = (pose.position, radius) if track is None else (LEFT_OUT, LEFT_OUT)
+            track = _predict(pose, known_radius, speed, settings.confidence, until, clock)
+            if track is None:
+                position, radius = pose.position, known_radius
+            else:
+                moves_by_estimate = True
         if is_node:
             node = settings.ground_nodes[name]
             nodes.append(GroundNode(position, name, node.weight,
@@ -92,7 +94,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
                 track))
     return Receivers(
         {'ground_nodes': tuple(nodes), 'eavesdroppers': tuple(eavesdroppers)},
-        clock.to_plan(until) if any(moving) else None, notes, frozenset(scheduled))
+        clock.to_plan(until) if moves_by_estimate else None, notes, frozenset(scheduled))
 
 
 def _horizon(settings: PlannerSettings) -> float:
@@ -141,11 +143,13 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     """
     old_grounds, old_centres, old_radii = before.receivers_at([time])
     grounds, centres, radii = now.receivers_at([time])
+    distance = distance or math.inf  # A distance of 0 allows any move.
+    if (np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any():
+        return True
+    # For each eavesdropper:
     moving = np.array([eve.track is not None for eve in now.eavesdroppers])
     moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
-    grown = (radii - old_radii)[:, 0]
+    growth = (radii - old_radii)[:, 0]
     has_left_disc = moving & (moves > old_radii[:, 0])
-    distance = distance or math.inf  # A distance of 0 allows any move.
-    return bool((np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any() or (
-        has_left_disc | (moves > distance)
-        | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
+    has_other_radius = np.where(moving, growth, np.abs(growth)) > 0.1 * distance
+    return bool((has_left_disc | has_other_radius | (moves > distance)).any())

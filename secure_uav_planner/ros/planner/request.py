@@ -249,7 +249,7 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
 
     | flight            | state of the UAV    | it starts                       |
     | ----------------- | ------------------- | ------------------------------- |
-    | under way         | any but a held one  | on the plan in flight           |
+    | under way         | None or measured    | on the plan in flight           |
     | ended             | None                | on the plan in flight           |
     | none, or waiting  | None                | where its parameters say        |
     | ended, or waiting | measured            | where it is predicted to be     |

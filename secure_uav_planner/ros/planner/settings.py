@@ -53,7 +53,7 @@ class EavesdropperSettings:
 @dataclass(frozen=True)
 class PlannerSettings:
     """
-    The parameters of the planner by their names; parameters of a mission are its objects.
+    The parameters of the planner by their names, with a mission's parameters as objects.
 
     :ivar tracks: the track of each receiver that has one in the mission file, by its name.
     :ivar mission: the other fields of Scenario that are parameters, by name.

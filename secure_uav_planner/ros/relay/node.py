@@ -100,14 +100,7 @@ class Relay(WorkingNode):
                   uavs)
         vehicles = dict(zip(uavs, self._settings.vehicles or uavs, strict=True))
         for name, vehicle in vehicles.items():
-            self._outputs[name] = {kind: self.create_publisher(
-                self._kinds[kind], f'{vehicle}/{topic}', STREAM,
-                qos_overriding_options=OVERRIDABLE)
-                for kind, topic in self._stack.topics.items()}
-            for kind, topic in self._stack.states.items():
-                self.create_subscription(
-                    self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
-                    SENSOR, qos_overriding_options=OVERRIDABLE)
+            self._connect_vehicle(name, vehicle)
         self._frames = LocalFrames(
             self, lambda: self._settings, vehicles, self._on_frame_change)
         serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
@@ -123,6 +116,16 @@ class Relay(WorkingNode):
         self.get_logger().info(brief(
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings.stack}'))
 
+    def _connect_vehicle(self, name: str, vehicle: str) -> None:
+        """Publish to the topics of a UAV's autopilot, below `vehicle`, and subscribe its state."""
+        self._outputs[name] = {kind: self.create_publisher(
+            self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
+            for kind, topic in self._stack.topics.items()}
+        for kind, topic in self._stack.states.items():
+            self.create_subscription(
+                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
+                SENSOR, qos_overriding_options=OVERRIDABLE)
+
     @property
     def _settings(self) -> RelaySettings:
         return self._declared.current
@@ -132,12 +135,14 @@ class Relay(WorkingNode):
         return self.get_clock().now().nanoseconds
 
     def _limits(self, name: str) -> Limits:
+        """Return what the guard of a UAV allows, by the parameters."""
         settings = self._settings
         uav = settings.uavs[name]
         return Limits(uav.max_speed, uav.max_acceleration, settings.max_jump,
                       settings.start_tolerance, settings.setpoint_timeout)
 
     def _on_enable(self, is_enabled: bool) -> Answer:
+        """Begin or end to pass setpoints on; the next one begins a new stream."""
         self._is_enabled = is_enabled
         for guard in self._guard_by_uav.values():
             guard.forget_stream()
@@ -224,7 +229,12 @@ class Relay(WorkingNode):
             self._outputs[name][kind].publish(fill_message(self._kinds[kind](), values))
 
     def _on_state(self, name: str, kind: str, message: Any) -> None:
-        """Use the state of a vehicle whenever the first kind of its messages comes."""
+        """
+        Keep a message of a vehicle's state; use the state and publish it as odometry.
+
+        A state consists of messages of several kinds. It is used whenever the first kind comes,
+        with the last message of each other kind.
+        """
         states = self._states[name]
         states[kind] = message
         kinds = list(self._stack.states)
@@ -272,6 +282,7 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
 
 
 def _check_vehicles(values: Mapping[str, Any]) -> None:
+    """Raise a ParameterError unless `vehicles` is empty or names one for each of `uavs`."""
     vehicles, uavs = values['vehicles'], values['uavs']
     if len(set(vehicles)) < len(vehicles):
         raise ParameterError(f'vehicles is {quote(vehicles)}; the names must be unique')

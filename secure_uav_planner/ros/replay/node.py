@@ -228,10 +228,12 @@ class Replay(WorkingNode):
         if not player.streaming:
             self._release.unmet = self._unmet_conditions(now)
         flight, plan = self._flight, self._flight.playback.plan
-        ahead = ((flight.playback.begin_ns or 0) - now) * 1e-9 if (
-            flight.time <= flight.playback.begin) else 0.0
-        follows = [f'waits for {condition}' for condition in self._release.unmet] + (
-            [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
+        follows = [f'waits for {condition}' for condition in self._release.unmet]
+        ahead = 0.0  # Time [s] until the flight is due to begin; negative if it is late.
+        if flight.time <= flight.playback.begin:
+            ahead = ((flight.playback.begin_ns or 0) - now) * 1e-9
+        if ahead > 0:
+            follows.append(f'begins in {ahead:.1f} s')
         if ahead < -PUNCTUAL and plan.promised_until is not None:
             follows.append(f'playing {-ahead:.1f} s late, so the rates are no longer '
                            'guaranteed; call ~/plan')
@@ -268,14 +270,13 @@ class Replay(WorkingNode):
         # Largest time [s] since the last tick that is not a jump of the node's clock.
         longest = (_LONGEST_SIMULATED_TICK if is_simulated(self)
                    else self._ticked - before + _CLOCK_ERROR)
-        now = clock.nanoseconds
-        player, has_plan = self._player, self._player.flight is not None
+        now, player = clock.nanoseconds, self._player
         if not player.streaming:
             self._streamed = 0
-            if player.playing:
-                if waits := self._release.update(self._unmet_conditions(now)):
-                    self.get_logger().info(brief(waits))
-        was_playing = player.playing
+            if player.playing and (waits := self._release.update(self._unmet_conditions(now))):
+                self.get_logger().info(brief(waits))
+        self._warn_of_lost_relays()
+        was_playing, has_plan = player.playing, player.flight is not None
         moment = player.tick(now, self._settings.speed, self._eavesdropper,
                              is_ready=not self._release.unmet, longest=longest,
                              is_silent=self._update_silence(now))
@@ -292,12 +293,14 @@ class Replay(WorkingNode):
             self._announce_end()
 
     def _update_silence(self, now_ns: int) -> bool:
-        """Return True if UAVs are off their plan, so that no power is sent; log lost relays."""
-        player, lost = self._player, dict[str, str]()
-        for problem in self._vehicles.relays.find_newly_lost():
-            if player.streaming:
-                self.get_logger().warning(problem)
-        if player.streaming and self._flight.is_under_way:
+        """
+        Return True if a UAV is off its plan during the flight, so that no power may be sent.
+
+        It logs each change of the UAVs that are off their plan.
+        """
+        # For each UAV that is off its plan, a sentence that says so.
+        lost: dict[str, str] = {}
+        if self._player.streaming and self._flight.is_under_way:
             lost = self._vehicles.find_lost(
                 self._flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,
                 now_ns)
@@ -306,6 +309,12 @@ class Replay(WorkingNode):
                                       'power is sent again: all UAVs are on their plan')
         self._lost = {*lost}
         return bool(lost)
+
+    def _warn_of_lost_relays(self) -> None:
+        """Log the relays that were lost since the last tick; while nothing streams, drop them."""
+        problems = self._vehicles.relays.find_newly_lost()
+        for problem in problems if self._player.streaming else ():
+            self.get_logger().warning(problem)
 
     def _places(self, now_ns: int) -> list[Point3 | str]:
         """Return the position of each UAV by its odometry, or the missing odometry in words."""
