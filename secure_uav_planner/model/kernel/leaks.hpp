@@ -174,11 +174,11 @@ private:
             + int(std::find(listeners.begin(), listeners.end(), node) - listeners.begin());
     }
 
-    void add_scaled(double factor, const double* row, double* sum) const {
+    void add_scaled(double factor, const double* row, double* __restrict sum) const {
         for (int j = 0; j < size(); ++j) sum[j] += factor * row[j];
     }
 
-    void add_outer(double weight, const double* row, double* hessian) const {
+    void add_outer(double weight, const double* row, double* __restrict hessian) const {
         for (int j = 0; j < size(); ++j)
             for (int m = 0; m <= j; ++m) hessian[j * size() + m] += weight * row[j] * row[m];
     }

@@ -47,7 +47,7 @@ double eliminate_row(double* matrix, int size, int k) {
     if (pivot == 0.0) return 0.0;  // All of the row is 0.
     const double inverse = 1.0 / pivot;
     for (int i = k + 1; i < size; ++i) {
-        double* row = matrix + i * size;
+        double* __restrict row = matrix + i * size;
         const double multiplier = upper[i] * inverse;
         for (int j = k + 1; j < size; ++j) row[j] -= multiplier * upper[j];
         row[k] = multiplier;
@@ -67,7 +67,7 @@ double eliminate_pair(double* matrix, int size, int k) {
     const double x = scale * (half < 0.0 ? root - half : -q);
     const double y = scale * (half < 0.0 ? -q : root + half);
     for (int i = k + 2; i < size; ++i) {
-        double* row = matrix + i * size;
+        double* __restrict row = matrix + i * size;
         const double of_upper = (r * upper[i] - q * lower[i]) * inverse;
         const double of_lower = (p * lower[i] - q * upper[i]) * inverse;
         for (int j = k + 2; j < size; ++j) row[j] -= of_upper * upper[j] + of_lower * lower[j];
@@ -109,7 +109,8 @@ void find_modification(double* matrix, int size, double* space) {
         for (int i = k; i < size; ++i) vector[i] = a[i * size + k];
         for (int i = k; i < size; ++i) {
             const double scaled = shifts[k] * vector[i];
-            for (int j = k; j <= i; ++j) sum[i * size + j] += scaled * vector[j];
+            double* __restrict row = sum + i * size;
+            for (int j = k; j <= i; ++j) row[j] += scaled * vector[j];
         }
     }
     for (int i = 0; i < size; ++i)

@@ -53,7 +53,7 @@ public:
     // UAVs the Hessian includes the place's moves. Slope and curvature of a Signal include the
     // factors 2 and 4 of derivatives of the squared distance.
     void differentiate(const Iterate& iterate, std::size_t n, int k, double weight,
-                       double* gradient, double* hessian) {
+                       double* __restrict gradient, double* __restrict hessian) {
         const int V = 3 * uavs();
         const Reception& at = iterate.evaluation.receptions[n * receivers_ + k];
         const double total = at.total();
