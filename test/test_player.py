@@ -141,7 +141,8 @@ def test_after_its_end_a_flight_holds_nothing_and_a_plan_begins_where_the_uavs_a
     assert not bench.player.load(other) and '19.2 m from the last one' in bench.refused[-1]
     assert '~/start begins it where the UAVs are' in bench.refused[-1]
     there = [(120.0, -500.0, 100.0), (100.0, -500.0, 110.0)]
-    for places, text in (([None, None], 'of uav1 is not known; the position of uav2 is not'),
+    for places, text in (((), 'of uav1 is not known; the position of uav2 is not'),
+                         ([None, None], 'of uav1 is not known; the position of uav2 is not'),
                          ([there[0], None], 'the position of uav2 is not known; call ~/plan'),
                          ([there[1]] * 2, 'uav1 is 21.7 m from its start; the limit is 5 m')):
         with pytest.raises(OptionError, match=text):

@@ -211,7 +211,8 @@ class Player:
         After the end of a flight, a plan that was refused because it begins elsewhere is released
         if the UAVs are at its start.
 
-        :param positions: measured position of each UAV, or None for an unknown one.
+        :param positions: measured position of each UAV, or None for an unknown one. By default
+            all are unknown.
         :param tolerance: distance [m] from its start within which a UAV is at its start.
         :raises OptionError: if there is no plan, or if it has ended and no other can begin.
         """
@@ -228,11 +229,12 @@ class Player:
     def _begin_elsewhere(self, new: Playback, positions: Sequence[Point3 | None],
                          tolerance: float) -> None:
         """Adopt a plan if all UAVs are at its start, or raise an OptionError."""
+        positions = positions or [None] * len(new.plan.scenario.uavs)
         problems = [f'the position of {uav.name} is not known' if position is None else
                     f'{uav.name} is {distance:.1f} m from its start; the limit is {tolerance:g} m'
                     for uav, position, distance in _list_distances(new, positions)
                     if position is None or not distance <= tolerance]
-        if problems or not positions:
+        if problems:
             raise OptionError(
                 f'plan {new.plan.identity} begins elsewhere than where the last flight has ended, '
                 f'and {"; ".join(problems)}; call ~/plan again, or ~/reset and ~/start')
