@@ -1,5 +1,6 @@
 #include "linear.hpp"
 
+#include <numeric>
 #include <utility>
 
 namespace kernel {
@@ -78,41 +79,52 @@ double eliminate_pair(double* matrix, int size, int k) {
     return root - 0.5 * (p + r);
 }
 
-}  // namespace
-
-// The matrix A is factored, P A P^T = L D L^T, where D has blocks of one or two rows (Ashcraft,
-// Grimes and Lewis, 1998), and negative eigenvalues of D become 0 (Cheng and Higham, 1998). The
-// result is what this adds to A: the sum of shifts times outer products of the columns of `a`.
-void find_modification(double* matrix, int size, double* space) {
-    double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
-    std::vector<int> order(size);
-    for (int i = 0; i < size; ++i) {
-        order[i] = i;
-        for (int j = 0; j <= i; ++j) a[i * size + j] = a[j * size + i] = matrix[i * size + j];
-    }
-    std::fill(sum, shifts + size, 0.0);
+// Factor a symmetric matrix A, (size, size), as P A P^T = L D L^T, where D has blocks of one or two
+// rows (Ashcraft, Grimes and Lewis, 1998). Row i of P A P^T is row order[i] of A. Fill for each negative eigenvalue of D its shift to 0 (Cheng and Higham, 1998), and put
+// into the shift's column of the matrix, from the diagonal on, the vector that is shifted.
+void factor_with_pivots(double* matrix, int size, int* order, double* shifts) {
+    std::iota(order, order + size, 0);
     const auto swap = [&](int i, int k) {
         if (i == k) return;
         std::swap(order[i], order[k]);
-        std::swap_ranges(a + i * size, a + (i + 1) * size, a + k * size);
-        for (int j = 0; j < size; ++j) std::swap(a[j * size + i], a[j * size + k]);
+        std::swap_ranges(matrix + i * size, matrix + (i + 1) * size, matrix + k * size);
+        for (int j = 0; j < size; ++j) std::swap(matrix[j * size + i], matrix[j * size + k]);
     };
     for (int k = 0, rows; k < size; k += rows) {
-        const auto [first, second] = choose_pivot(a, size, k);
+        const auto [first, second] = choose_pivot(matrix, size, k);
         rows = first == second ? 1 : 2;
         swap(k, first);
         if (rows == 2) swap(k + 1, second == k ? first : second);
-        shifts[k] = rows == 1 ? eliminate_row(a, size, k) : eliminate_pair(a, size, k);
+        shifts[k] = rows == 1 ? eliminate_row(matrix, size, k) : eliminate_pair(matrix, size, k);
     }
+}
+
+// Add to the lower triangle of `sum` shifts[k] times the outer product of column k of a factored
+// matrix, for all k. `vector` holds `size` numbers.
+void add_shifts(const double* factored, int size, const double* shifts, double* vector,
+                double* sum) {
     for (int k = 0; k < size; ++k) {
         if (!(shifts[k] > 0.0)) continue;
-        for (int i = k; i < size; ++i) vector[i] = a[i * size + k];
+        for (int i = k; i < size; ++i) vector[i] = factored[i * size + k];
         for (int i = k; i < size; ++i) {
             const double scaled = shifts[k] * vector[i];
             double* __restrict row = sum + i * size;
             for (int j = k; j <= i; ++j) row[j] += scaled * vector[j];
         }
     }
+}
+
+}  // namespace
+
+// The modification is what makes the negative eigenvalues of D in P A P^T = L D L^T zero.
+void find_modification(double* matrix, int size, double* space) {
+    double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
+    for (int i = 0; i < size; ++i)
+        for (int j = 0; j <= i; ++j) a[i * size + j] = a[j * size + i] = matrix[i * size + j];
+    std::fill(sum, shifts + size, 0.0);
+    std::vector<int> order(size);
+    factor_with_pivots(a, size, order.data(), shifts);
+    add_shifts(a, size, shifts, vector, sum);
     for (int i = 0; i < size; ++i)
         for (int j = 0; j <= i; ++j)
             matrix[order[i] * size + order[j]] = matrix[order[j] * size + order[i]] =

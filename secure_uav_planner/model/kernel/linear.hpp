@@ -259,16 +259,45 @@ private:
     // or 0 for any number.
     template <int ROWS>
     bool solve_factored(const double* gradient, const double* ratios, double* step) {
-        const int R = ROWS ? ROWS : rows_, sides = 1 + R;
+        fill_right_sides<ROWS>(gradient);
+        eliminate_shares_of_right_sides<ROWS>();
+        with_bandwidth([this](auto below) {
+            divide_by_lower<below.value, ROWS ? ROWS + 1 : 0>(
+                factor_.data(), slots_ * size(), below_, right_.data(), 1 + rows_);
+        });
+        const double* multipliers = find_row_multipliers<ROWS>(ratios);
+        if (!multipliers) return false;
+        const int R = ROWS ? ROWS : rows_;
+        const std::size_t columns = slots_ * size();
+        for (std::size_t i = 0; i < columns; ++i)
+            step[i] = combine_sides(R, multipliers, &right_[i * (1 + R)], factor_[i * height()]);
+        with_bandwidth([this, step](auto below) {
+            divide_by_upper<below.value>(factor_.data(), slots_ * size(), below_, step);
+        });
+        find_share_steps(R, multipliers, step);
+        return is_finite(step, slots_ * width());
+    }
+
+    // Fill the right sides, minus the gradient and each dense row: of x, (N V + below, 1 + R), and
+    // of the shares, (N S, 1 + R).
+    template <int ROWS>
+    void fill_right_sides(const double* gradient) {
+        const int R = ROWS ? ROWS : rows_;
         const std::size_t columns = slots_ * size(), variables = slots_ * width();
-        const auto set_right = [&](std::size_t i, double* right) {
+        const auto fill_row = [&](std::size_t i, double* right) {
             right[0] = -gradient[i];
             for (int s = 0; s < R; ++s) right[1 + s] = rows[i * R + s];
         };
-        for (std::size_t i = 0; i < columns; ++i) set_right(i, &right_[i * sides]);
-        std::fill(right_.begin() + columns * sides, right_.end(), 0.0);
+        for (std::size_t i = 0; i < columns; ++i) fill_row(i, &right_[i * (1 + R)]);
+        std::fill(right_.begin() + columns * (1 + R), right_.end(), 0.0);
         for (std::size_t i = columns; i < variables; ++i)
-            set_right(i, &share_right_[(i - columns) * sides]);
+            fill_row(i, &share_right_[(i - columns) * (1 + R)]);
+    }
+
+    // Forward substitution: subtract the right sides of each share from those of its slot.
+    template <int ROWS>
+    void eliminate_shares_of_right_sides() {
+        const int sides = 1 + (ROWS ? ROWS : rows_);
         for (std::size_t n = 0; n < slots_; ++n)
             for_pivots(n, [&](int j, const double* multipliers) {
                 const double* row = share_right(n, j);
@@ -278,13 +307,15 @@ private:
                     for (int s = 0; s < sides; ++s) to[s] -= multipliers[i] * row[s];
                 }
             });
-        with_bandwidth([this](auto below) {
-            divide_by_lower<below.value, ROWS ? ROWS + 1 : 0>(
-                factor_.data(), slots_ * size(), below_, right_.data(), 1 + rows_);
-        });
-        // Woodbury's formula for the rows, before dividing by L^T.
-        double* products = space_.data();
-        double* right = products + R * R;
+    }
+
+    // Woodbury's formula after forward substitution: return the multiplier of each dense row, (R),
+    // or null if the system of the multipliers is singular.
+    template <int ROWS>
+    const double* find_row_multipliers(const double* ratios) {
+        const int R = ROWS ? ROWS : rows_;
+        const std::size_t columns = slots_ * size();
+        double *products = space_.data(), *right = products + R * R;
         std::fill(products, right + R, 0.0);
         const auto add_products = [&](const double* row, double inverse) {
             for (int u = 0; u < R; ++u) {
@@ -294,7 +325,7 @@ private:
             }
         };
         for (std::size_t i = 0; i < columns; ++i)
-            add_products(&right_[i * sides], factor_[i * height()]);
+            add_products(&right_[i * (1 + R)], factor_[i * height()]);
         for (std::size_t n = 0; n < slots_; ++n)
             for_pivots(n, [&](int j, const double* multipliers) {
                 add_products(share_right(n, j), multipliers[j]);
@@ -303,27 +334,29 @@ private:
             for (int s = 0; s < u; ++s) products[s * R + u] = products[u * R + s];
             products[u * R + u] += ratios[u];
         }
-        if (!solve_dense(products, right, R)) return false;
-        const auto scale = [&](const double* row, double inverse) {
-            double change = row[0];
-            for (int u = 0; u < R; ++u) change -= row[1 + u] * right[u];
-            return change * inverse;
-        };
-        for (std::size_t i = 0; i < columns; ++i)
-            step[i] = scale(&right_[i * sides], factor_[i * height()]);
-        with_bandwidth([this, step](auto below) {
-            divide_by_upper<below.value>(factor_.data(), slots_ * size(), below_, step);
-        });
+        return solve_dense(products, right, R) ? right : nullptr;
+    }
+
+    // Subtract the R dense rows' sides, times their multipliers, from the gradient's side in `row`,
+    // and divide by a pivot.
+    static double combine_sides(int R, const double* multipliers, const double* row,
+                                double inverse_pivot) {
+        double change = row[0];
+        for (int u = 0; u < R; ++u) change -= row[1 + u] * multipliers[u];
+        return change * inverse_pivot;
+    }
+
+    // Back substitution of the shares: find their steps from the step of x in their slot.
+    void find_share_steps(int R, const double* row_multipliers, double* step) {
         for (std::size_t n = 0; n < slots_; ++n)
             for (int j = size(); j < width(); ++j) {
                 const double* multipliers = pivot_row(n, j);
-                double change = scale(share_right(n, j), multipliers[j]);
+                double change = combine_sides(R, row_multipliers, share_right(n, j), multipliers[j]);
                 for (int i = 0; i < j; ++i)
                     change -= multipliers[i] * step[i < size() ? n * size() + i
                                                                : share_index(n, i)];
                 step[share_index(n, j)] = change;
             }
-        return is_finite(step, variables);
     }
 
     // Make the block of a slot positive semidefinite, also in the band.
