@@ -80,17 +80,22 @@ double eliminate_pair(double* matrix, int size, int k) {
 }
 
 // Factor a symmetric matrix A, (size, size), as P A P^T = L D L^T, where D has blocks of one or two
-// rows (Ashcraft, Grimes and Lewis, 1998). Row i of P A P^T is row order[i] of A. Fill for each negative eigenvalue of D its shift to 0 (Cheng and Higham, 1998), and put
-// into the shift's column of the matrix, from the diagonal on, the vector that is shifted.
+// rows (Ashcraft, Grimes and Lewis, 1998). Row i of P A P^T is row order[i] of A.
+//
+// Fill `shifts` with what makes the negative eigenvalues of D zero (Cheng and Higham, 1998), and
+// with 0 for other eigenvalues. Column k of the matrix becomes, from the diagonal on, the vector to
+// which shift k belongs.
 void factor_with_pivots(double* matrix, int size, int* order, double* shifts) {
     std::iota(order, order + size, 0);
-    const auto swap = [&](int i, int k) {
-        if (i == k) return;
-        std::swap(order[i], order[k]);
-        std::swap_ranges(matrix + i * size, matrix + (i + 1) * size, matrix + k * size);
-        for (int j = 0; j < size; ++j) std::swap(matrix[j * size + i], matrix[j * size + k]);
-    };
     for (int k = 0, rows; k < size; k += rows) {
+        // Entries above row k are not used again, so they need no swap.
+        const auto swap = [=](int i, int j) {
+            if (i == j) return;
+            std::swap(order[i], order[j]);
+            std::swap_ranges(matrix + i * size, matrix + (i + 1) * size, matrix + j * size);
+            for (int row = k; row < size; ++row)
+                std::swap(matrix[row * size + i], matrix[row * size + j]);
+        };
         const auto [first, second] = choose_pivot(matrix, size, k);
         rows = first == second ? 1 : 2;
         swap(k, first);

@@ -351,7 +351,8 @@ private:
         for (std::size_t n = 0; n < slots_; ++n)
             for (int j = size(); j < width(); ++j) {
                 const double* multipliers = pivot_row(n, j);
-                double change = combine_sides(R, row_multipliers, share_right(n, j), multipliers[j]);
+                double change =
+                    combine_sides(R, row_multipliers, share_right(n, j), multipliers[j]);
                 for (int i = 0; i < j; ++i)
                     change -= multipliers[i] * step[i < size() ? n * size() + i
                                                                : share_index(n, i)];
