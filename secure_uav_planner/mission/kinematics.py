@@ -63,7 +63,11 @@ class Vehicle:
         return np.asarray(share[:, None] * np.array(self.displacement))
 
     def _top_speeds(self, slots: int, step: float) -> Array:
-        """Return the largest speed of each move of a straight flight from rest, (N+1,) in m/s."""
+        """
+        Return the largest speed of each move of a straight flight, (N+1,) in m/s.
+
+        A UAV with a given velocity at an end is taken to be at rest there.
+        """
         top = np.full(slots + 1, self.max_speed)
         if not math.isinf(self.max_acceleration):
             gained = self.max_acceleration * step * np.arange(1.0, slots + 2)

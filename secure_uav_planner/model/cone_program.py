@@ -124,10 +124,14 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     """
     Return the least utilisation, and its flight's points (N+2, 2) in m from the start, read-only.
 
-    If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits; it is
-    infinite where the solver fails, as it does only where they are exceeded many times. The cone
-    program minimises r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step. The velocities w,
-    (N+1, 2) in m/s, add up to the displacement; velocities beyond both ends are given or free.
+    If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits. If the
+    solver fails, which happens only far above 1, the utilisation is infinite, with the points of
+    the straight flight. The straight flight is the best one without a limit of acceleration, and
+    with free or zero velocities at both ends.
+
+    The cone program minimises r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step, with the
+    largest speed V and acceleration a. The velocities w, (N+1, 2) in m/s, add up to the
+    displacement; velocities beyond both ends are given or free.
 
     :param raise_if_over: called in the search; what it raises is passed on.
     """

@@ -347,8 +347,11 @@ class AchievedRates:
     """
 
     def __init__(self) -> None:
+        # Start of the plan that is flown [ns]. Another start is another flight.
         self._start_ns: int | None = None
-        self._last = math.inf  # Time [s] of the plan at the last call of add.
+        # Time [s] of the plan at the last call of add. It is infinite before the first call, which
+        # adds nothing.
+        self._last = math.inf
         self._flown = 0.0  # Time [s] that has been flown within slots.
         self._sums = np.zeros(3)  # Measured time [s], achieved and planned information [bit/Hz].
 

@@ -41,8 +41,9 @@ double find_entropy(double share) {
     return -share * std::log(std::max(share, TINY));
 }
 
-// The bound of one slot at one w0. `listeners` has the listener of every place. `price` and `peak`
-// are the price and the peak of the transmit power.
+// The bound of one slot at one w0. `listeners` has the number of the listener of every place. Only
+// the worst place of a listener counts. All discs together are one listener; of colluding
+// eavesdroppers every disc is one. `price` and `peak` belong to the transmit power.
 class SlotBound {
 public:
     SlotBound(std::vector<std::size_t> listeners, double price, double peak)
@@ -91,7 +92,9 @@ public:
         return most;
     }
 
-    // The part of the bound that depends on v alone, m(w0 - s) - H(v).
+    // The part of the bound without columns, m(w0 - s) - H(v). Here s is the sum of v, and m(x) is
+    // the largest x log(power) - price * power over powers up to the peak. This fills totals_ for
+    // differentiate_constant.
     double constant(const double* v) {
         double sum = 0.0;
         std::fill(totals_.begin(), totals_.end(), 0.0);

@@ -381,7 +381,9 @@ class Team:
 
     :param groups: groups of the mission's slots.
     :param regions: reachable sets of the transmitter, and of the jammer if there is one.
-    :param listeners: for each listener the indices of its places; see certificate.entropy.
+    :param listeners: indices of the places of each listener. Only the worst place of a listener
+        counts. All discs together are one listener; of colluding eavesdroppers every disc is one.
+        See certificate.entropy.
     """
 
     groups: SlotGroups

@@ -1,6 +1,8 @@
 """
 The bounds of slots on columns at given w0, minimised over v; and where cells make them closer.
 
+A column is a place and a power of a UAV in a group of slots. A UAV's term in the bound is the
+largest value over its columns of base + w0 ground + v . leaks.
 A slot's bound is the certificate's B without H(w0), with maxima over columns. Over too few columns
 the minimum would choose a v that is bad at missing places, so all columns of a pool are used.
 Measured: with the columns of the latest rounds alone, the bound of a mission with one jammer is
@@ -30,7 +32,7 @@ class SlotBounds:
 
     :param team: the UAVs.
     :param columns: columns of each UAV, and their values without w0 and v, (G, C) in nats.
-    :param price: lam of the transmitter [nats per W].
+    :param price: lam of the transmitter, the multiplier of its average power [nats per W].
     :param raise_if_over: called before every block of cells; an error that it raises ends the
         search.
     """
@@ -39,6 +41,7 @@ class SlotBounds:
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
         self._team, self._price, self._raise_if_over = team, price, raise_if_over
         self._columns = [_arrange(*part) for part in columns]
+        # Number of the listener to which each place belongs, (E,).
         self._listeners = np.zeros(len(team.regions[0].radii), np.int64)
         for number, places in enumerate(team.listeners):
             self._listeners[places] = number
