@@ -253,10 +253,10 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
                 scenario.receivers.ground_nodes.swapaxes(0, 1), strict=True)
     for (uavs, watts, grounds), eves, error, sight, fade in zip(
             slots, places, errors, sights, fading):
-        rates = []
+        flown, rates = uavs + error, []
         for number, (place, advantage) in enumerate(
                 zip([*grounds, *eves], advantages, strict=True)):
-            squared = ((uavs + error - place)**2).sum(axis=-1)
+            squared = ((flown - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))

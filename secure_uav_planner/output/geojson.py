@@ -133,9 +133,8 @@ def _cut_line(places: Array, values: Mapping[str, Sequence[float] | None]
             parts.append([cut])
             turns.append(turn)
         parts[-1].append(after)
-    for part, turn in zip(parts, turns, strict=True):
-        part[:] = part - np.eye(1, rows.shape[1])[0] * 360 * turn
-    columns = [np.transpose(part).tolist() for part in parts]
+    columns = [(np.array(part) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()
+               for part, turn in zip(parts, turns, strict=True)]
     coordinates = [[*zip(*part[:2])] for part in columns]
     values_of_parts = {name: [part[index] for part in columns]
                        for index, name in enumerate(names, start=2)}

@@ -143,12 +143,11 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
     by_formula = _guaranteed_leaks(scenario, radii, offsets, powers)
     leaks = combine_leaks(by_formula) if scenario.colluding else by_formula.max(axis=1)
     eves = by_formula.argmax(axis=1)
-    places = np.zeros((len(leaks), 2))  # Places from the centre of the eavesdropper's disc.
     # A leak below the tolerance, as in a silent slot, keeps the formula's bound and the centre.
     scale = find_rate_scale(scenario)
     active = np.flatnonzero(leaks > scale * core.TOLERANCE)
     if not active.size:
-        return leaks, centres[np.arange(len(eves)), eves] + places
+        return leaks, centres[np.arange(len(eves)), eves]
     discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
     # A group has one proven leak. Leaks of colluding eavesdroppers add up, so each disc is a
     # group; otherwise only the largest matters, and the discs of a slot are one group.
@@ -160,6 +159,7 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
     core.prove_leaks(discs, group, by_formula[active].ravel(), MOST_SECTORS,
                      scale * core.TOLERANCE / groups_each, proven, disc, place)
     by_slot = proven.reshape(-1, groups_each)
+    places = np.zeros((len(leaks), 2))  # Places from the centre of the eavesdropper's disc.
     worst = np.arange(0, groups, groups_each) + by_slot.argmax(axis=1)
     eves[active], places[active] = disc[worst] % by_formula.shape[1], place[worst]
     total = combine_leaks(by_slot) if scenario.colluding else proven
