@@ -17,7 +17,7 @@ from ..plan.plan import Plan
 
 MISSION, PLAN = 'mission.yaml', 'plan.json'
 ADDED = ('eavesdropper', 'jammer', 'zone')
-_ROOM = 1 / 3  # Room around the mission on its map, in sizes of the mission.
+_ROOM = 1 / 3  # Room around the mission on its map, as a share of its larger side.
 
 _slider = partial(dcc.Slider, marks=None)
 GROUPS: dict[str, dict[str, tuple[str, str, partial[Any]]]] = {
@@ -43,7 +43,7 @@ GROUPS: dict[str, dict[str, tuple[str, str, partial[Any]]]] = {
             {'label': 'alone', 'value': False}, {'label': 'colluding', 'value': True}],
             inline=True))}}
 FIELDS = {label: field for fields in GROUPS.values() for label, field in fields.items()}
-"""Owner, name and component of each field by its label."""
+"""Owner (see read_field), name and component of each field of the page, by its label."""
 
 _OPEN = ('Time', 'Powers')
 
@@ -121,63 +121,74 @@ addEventListener('pointerdown', event => {
 
 def lay_out(page: str, name: str, scenario: Scenario, text: str, mission: Mission) -> html.Div:
     """
-    Return the parts of a page.
+    Return the component tree of a page: headline, fields, map, charts and mission file.
 
     :param page: key of the page.
     :param name: name of the mission, in the headline.
-    :param text: mission file in the pane of text.
+    :param text: text of the mission file, in a pane of its own.
     :param mission: the mission that the map and the fields show.
     """
-    (left, low), (right, high) = widen(map_extent(scenario))
     shared = {'template': 'plotly_white', 'margin': {'l': 62, 'r': 12, 't': 12, 'b': 44},
               'showlegend': False}
-    axis = {'zeroline': False, 'ticks': 'outside'}
-    on_map = go.Figure(layout={
-        # The user's view stays, because uirevision does; shapes follow the mission.
-        **shared, 'uirevision': 'map', 'editrevision': False, 'dragmode': 'pan',
-        'shapes': [item.shape for item in list_handles(mission)],
-        # The range grows on the side where the panel is longer, so that the map fills it.
-        'xaxis': {**axis, 'title': 'east (m)', 'range': [left, right]},
-        'yaxis': {**axis, 'title': 'north (m)', 'range': [low, high], 'scaleanchor': 'x'}})
     charts = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05).update_layout(shared)
     label_charts(charts, 1)
     config: Any = {'displayModeBar': False, 'edits': {'shapePosition': True}, 'scrollZoom': True}
     make_graph = partial(dcc.Graph, config=config, className='graph', responsive=True)
-    steps = {'undo': 'undo', 'redo': 'redo', **{kind: f'+ {kind}' for kind in ADDED}}
-    return html.Div(id='explore', children=[
-        html.Header([
-            html.Div(id='headline', children=[
-                html.H1(name), html.Div('largest secrecy rate in the worst case', id='objective'),
-                html.Div('planning ...', id='state'), html.Div(id='problem', role='alert')]),
-            html.Div(id='words')]),
-        html.Div(id='fields', children=[
-            html.Details([html.Summary(group), *(
-                html.Div([html.Label(label), make(
-                    id={'field': label}, value=read_field(mission, owner, field))])
-                for label, (owner, field, make) in fields.items())], open=group in _OPEN)
-            for group, fields in GROUPS.items()]),
-        html.Div([
-            html.Div([html.Button(label, id={'do': name}) for name, label in steps.items()],
-                     className='bar'),
-            html.Div(id='legend', className='caption'),
-            make_graph(id='map', figure=on_map)]),
-        html.Div([
-            html.Div(html.Button('keep this plan', id='keep'), className='bar'),
-            html.H2('Power, rate and what is delivered over time', className='caption'),
-            make_graph(id='charts', figure=charts)]),
-        html.Div(id='file', children=[
-            html.Div([html.H2('Mission file'), *(
-                html.Button(f'download {name}', id={'save': name}) for name in (MISSION, PLAN))],
-                className='bar'),
-            dcc.Textarea(id='yaml', value=text, spellCheck=False)]),
+    headline = html.Header([
+        html.Div(id='headline', children=[
+            html.H1(name), html.Div('largest secrecy rate in the worst case', id='objective'),
+            html.Div('planning ...', id='state'), html.Div(id='problem', role='alert')]),
+        html.Div(id='words')])
+    buttons = {'undo': 'undo', 'redo': 'redo', **{kind: f'+ {kind}' for kind in ADDED}}
+    map_pane = html.Div([
+        html.Div([html.Button(label, id={'do': name}) for name, label in buttons.items()],
+                 className='bar'),
+        html.Div(id='legend', className='caption'),
+        make_graph(id='map', figure=_make_map(scenario, mission, shared))])
+    chart_pane = html.Div([
+        html.Div(html.Button('keep this plan', id='keep'), className='bar'),
+        html.H2('Power, rate and what is delivered over time', className='caption'),
+        make_graph(id='charts', figure=charts)])
+    file_pane = html.Div(id='file', children=[
+        html.Div([html.H2('Mission file'), *(
+            html.Button(f'download {name}', id={'save': name}) for name in (MISSION, PLAN))],
+            className='bar'),
+        dcc.Textarea(id='yaml', value=text, spellCheck=False)])
+    # The browser does not show these values; the callbacks of the page read and set them.
+    hidden = [
         dcc.Store(id='page', data=page), dcc.Store(id='version', data=0), dcc.Store(id='removed'),
         dcc.Store(id='drawn', data=0),
         dcc.Interval(id='tick', interval=200, n_intervals=0, max_intervals=0),
-        dcc.Download(id='download')])
+        dcc.Download(id='download')]
+    return html.Div(id='explore', children=[
+        headline, _make_fields(mission), map_pane, chart_pane, file_pane, *hidden])
+
+
+def _make_map(scenario: Scenario, mission: Mission, shared: dict[str, Any]) -> go.Figure:
+    """Return the map with the shapes of a mission; `shared` is the layout of all figures."""
+    (left, low), (right, high) = widen(map_extent(scenario))
+    axis = {'zeroline': False, 'ticks': 'outside'}
+    return go.Figure(layout={
+        # Plotly keeps the user's view while uirevision is constant. Shapes follow the mission.
+        **shared, 'uirevision': 'map', 'editrevision': False, 'dragmode': 'pan',
+        'shapes': [handle.shape for handle in list_handles(mission)],
+        # The range grows on the side where the panel is longer, so that the map fills it.
+        'xaxis': {**axis, 'title': 'east (m)', 'range': [left, right]},
+        'yaxis': {**axis, 'title': 'north (m)', 'range': [low, high], 'scaleanchor': 'x'}})
+
+
+def _make_fields(mission: Mission) -> html.Div:
+    """Return the sliders and inputs of GROUPS with the values of a mission."""
+    return html.Div(id='fields', children=[
+        html.Details([html.Summary(group), *(
+            html.Div([html.Label(label), make_input(
+                id={'field': label}, value=read_field(mission, owner, field))])
+            for label, (owner, field, make_input) in fields.items())], open=group in _OPEN)
+        for group, fields in GROUPS.items()])
 
 
 def widen(extent: Any) -> Any:
-    """Return the corners of a map (2, 2) with room around them, to drag something outward."""
+    """Return corners (2, 2) [m] moved outward by _ROOM of the larger side: room to drag into."""
     return np.asarray(extent) + _ROOM * np.ptp(extent, axis=0).max() * np.array([[-1], [1]])
 
 

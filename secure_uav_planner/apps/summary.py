@@ -29,7 +29,7 @@ _WORDS = {'reference_snr_db': 'SNR at 1 m and 1 W', 'los': 'lines of sight',
 _COORDINATES = {'0': 'east', '1': 'north'}
 _MOST_LINES = 6  # Largest number of values of the second, third and fourth field.
 _MOST_PLACES = 3  # Largest number of places named at which missions could not be flown.
-_LATER = 'second', 'third', 'fourth'
+_LATER = 'second', 'third', 'fourth'  # Columns with the values of the fields after x.
 _LABEL_WIDTH = 40  # Letters in a line of a label.
 _QUANTILES = 0.1, 0.5, 0.9
 _EMPTY_POINT = 'x'  # Marker of points whose missions could not be flown.
@@ -44,12 +44,12 @@ def save_figure(rows: Sequence[Row], path: Path) -> None:
 
 def draw_figure(rows: Sequence[Row]) -> Any:
     """
-    Return a Figure of the rates over the first field with several numbers, or histograms.
+    Return a Figure of the rates over a varied field x, or histograms if no field varies.
 
     Each objective has axes of its own, with a line for each method and each value of a second
-    field with few values. A third field has a column of axes for each value, a fourth field a row.
-    Lines are medians; thin lines hold eight of ten missions. At a hollow point, some missions
-    could not be flown; at a cross on the axis, none could.
+    field. A third field has a column of axes for each value, and a fourth field a row. Lines are
+    medians, and thin lines are the quantiles 0.1 and 0.9. At a hollow point, some missions could
+    not be flown; at a cross, none could. Rows with infrastructure failures or faults are left out.
     """
     from ..output.figures import own_settings
     with own_settings():
@@ -69,46 +69,48 @@ def name_field(field: str) -> str:
 
 
 def _draw_figure(rows: Sequence[Row]) -> Any:
-    """Return a figure of results: a panel for each objective, and third and fourth field."""
+    """Return a Figure: axes for each objective and value of the third and the fourth field."""
     from ..output.drawing import style_axes
     from ..output.figures import Picture
     name, *later = _choose_fields(rows)
     frame = _make_frame(rows, name, later)
-    is_split = later[1] is not None
-    rates = [rate for rate in OBJECTIVES if rate in set(frame.objective)]
-    columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _LATER[1:])
-    # One or two panels in a row are large. Without a third field, objectives share a row.
-    places = [(rate, line, column) for line in lines for rate in rates for column in columns]
-    width = max(1, len(columns) if is_split else len(rates))
-    height = max(1, len(places) // width)
+    has_third = later[1] is not None
+    objectives = [objective for objective in OBJECTIVES if objective in set(frame.objective)]
+    thirds, fourths = (frame[column].drop_duplicates().tolist() or [''] for column in _LATER[1:])
+    panels = [(objective, third, fourth)
+              for fourth in fourths for objective in objectives for third in thirds]
+    # Without a third field, the objectives are side by side. One or two panels in a row are large.
+    width = max(1, len(thirds) if has_third else len(objectives))
+    height = max(1, len(panels) // width)
     figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
                               4.8 if height == 1 else 3.2 * height), layout='constrained')
-    grid = figure.subplots(height, width, sharey=name is not None, sharex=is_split,
+    grid = figure.subplots(height, width, sharey=name is not None, sharex=has_third,
                            squeeze=False)
-    for axes, (rate, line, column) in zip(grid.flat, places):
-        group = frame[(frame.objective == rate) & (frame.third == column)
-                      & (frame.fourth == line)]
-        _draw_panel(axes, frame, group, rate, name)
-        if is_split:
+    for axes, (objective, third, fourth) in zip(grid.flat, panels):
+        group = frame[(frame.objective == objective) & (frame.third == third)
+                      & (frame.fourth == fourth)]
+        _draw_panel(axes, frame, group, objective, name)
+        if has_third:
             axes.set_title('\n'.join(
-                f'{name_field(field)}: {value}' for field, value in zip(later[1:], (column, line))
+                f'{name_field(field)}: {value}' for field, value in zip(later[1:], (third, fourth))
                 if field is not None), fontsize=9, loc='left')
             axes.label_outer()
         style_axes(axes)
-    if rates:
+    if objectives:
         _add_legend(figure, grid, frame, rows, (name, *later))
     return figure
 
 
-def _draw_panel(axes: Any, frame: Any, group: Any, rate: str, name: str | None) -> None:
+def _draw_panel(axes: Any, frame: Any, group: Any, objective: str,
+                name: str | None) -> None:
     """
-    Draw a group's rates over the field `name`, or how many missions have which rate without one.
+    Draw the rates of a group over a field, or a histogram of the rates if the field is None.
 
     :param frame: DataFrame of all missions of the figure.
-    :param group: rows of the frame that are drawn into `axes`.
-    :param rate: objective whose rate is drawn.
+    :param group: rows of the frame that are drawn into `axes`; all have the objective.
+    :param name: name of the field x.
     """
-    names = dict.fromkeys(rate_name(rate, promise) for promise in group.promise.dropna())
+    names = dict.fromkeys(rate_name(objective, promise) for promise in group.promise.dropna())
     label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
     if name is not None:
         _draw_rates(axes, frame, group)
@@ -123,14 +125,21 @@ def _draw_panel(axes: Any, frame: Any, group: Any, rate: str, name: str | None) 
 
 
 def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | None]) -> Any:
-    """Return a DataFrame of the rows; the rate of a mission that was not flown is missing."""
+    """
+    Return a DataFrame with a line for each row: objective, rate, promise, method, x and _LATER.
+
+    The rate of the row's objective is missing (NaN) if the mission could not be flown. If promises
+    differ, `method` is the method, ', ' and the promise, so that each promise has its own line.
+
+    :param name: name of the field x; `later` names the second, the third and the fourth field.
+    """
     from pandas import DataFrame
     frame = DataFrame([{
         'objective': row['objective'], 'rate': row[f'{row["objective"]}_rate'] if (
             row['outcome'] == 'ok') else None,
         'promise': row.get('promise') or ('guaranteed' if row['outcome'] == 'ok' else None),
         'method': row['method'], 'x': row['fields'].get(name),
-        **{part: _label_value(row, field) for part, field in zip(_LATER, later)}}
+        **{column: _label_value(row, field) for column, field in zip(_LATER, later)}}
         for row in rows], columns=['objective', 'rate', 'promise', 'method', 'x', *_LATER])
     # A mission that was not flown has no promise, and takes the promise of its group.
     frame.promise = frame.groupby(['method', 'x', 'second'], dropna=False).promise.transform(
@@ -142,49 +151,76 @@ def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | Non
 
 def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
     """
-    Draw the rates of missions over the first field x, for each method and second value.
+    Draw median rates over the field x, a line for each method and value of the second field.
 
-    A line shows medians, and two thin lines show the quantiles 0.1 and 0.9. Each value of the
-    second field has a colour, and each method a dash. Without a second field, each method has a
-    colour, and baselines are grey. A point is hollow, with the number of flown missions, if some
-    missions of its x could not be flown; a cross on the axis shows that none could be flown.
+    Two thin lines of the same style show the quantiles 0.1 and 0.9.
 
     :param frame: DataFrame of all missions of the figure, which fixes colours and dashes.
     :param group: rows of the frame that are drawn into `axes`.
     """
-    from ..output.drawing import scheme_dash, scheme_name, uav_color
-    schemes = {method: method.partition(', ')[0] for method in frame.method.unique()}
-    methods = [method for method, scheme in schemes.items() if scheme not in BASELINES]
-    values = frame.second.unique().tolist()
-    for (method, value), chosen in group.groupby(['method', 'second'], sort=False):
+    for (method, second), chosen in group.groupby(['method', 'second'], sort=False):
+        color, dash, label = _style_line(frame, method, second)
         by_x = chosen.groupby('x').rate
-        flown, asked = by_x.count(), by_x.size()
-        band = by_x.quantile(_QUANTILES).unstack()
-        is_baseline = method not in methods
-        color = uav_color(values.index(value)) if value else (
-            _GREY if is_baseline else uav_color(methods.index(method)))
-        dash = scheme_dash(schemes[method]) if is_baseline else (
-            _DASHES[methods.index(method) % len(_DASHES)])
-        label = ', '.join(filter(None, (value, scheme_name(method) if (
-            len(schemes) > 1 or not value) else '')))
-        axes.plot(band.index, band[0.5], dash, color=color, linewidth=1.8, label=label)
-        for quantile in (_QUANTILES[0], _QUANTILES[-1]):
-            axes.plot(band.index, band[quantile], dash, color=color, linewidth=0.6, alpha=0.7)
-        for x, median in band[0.5].items():
-            style = {'color': color, 'markersize': 5, 'clip_on': False, 'markerfacecolor': (
-                color if flown[x] == asked[x] else 'white')}
-            if not flown[x]:  # A cross at 0.02 of the height of the axes.
-                axes.plot(x, 0.02, _EMPTY_POINT, transform=axes.get_xaxis_transform(), **style)
-                continue
-            axes.plot(x, median, 'o', **style)
-            if flown[x] < asked[x]:
-                axes.annotate(f'n = {flown[x]}', (x, median), (5, -9), color=color,
-                              textcoords='offset points', fontsize=7.5)
+        quantiles = by_x.quantile(_QUANTILES).unstack()  # A row for each x, a column for each.
+        axes.plot(quantiles.index, quantiles[0.5], dash, color=color, linewidth=1.8, label=label)
+        for share in (_QUANTILES[0], _QUANTILES[-1]):
+            axes.plot(quantiles.index, quantiles[share], dash, color=color, linewidth=0.6,
+                      alpha=0.7)
+        _draw_points(axes, quantiles[0.5], by_x.count(), by_x.size(), color)
+
+
+def _style_line(frame: Any, method: str, second: str) -> tuple[str, Any, str]:
+    """
+    Return colour, dash and label of the line of a method and a value of the second field.
+
+    With a second field, each of its values has a colour, and each method has a dash. Without a
+    second field, `second` is '', each method of solve has a colour, and baselines are grey.
+    """
+    from ..output.drawing import scheme_dash, scheme_name, uav_color
+    methods = frame.method.unique().tolist()
+    # The frame may add ', ' and the promise to the name of a method.
+    solvers = [name for name in methods if name.partition(', ')[0] not in BASELINES]
+    is_baseline = method not in solvers
+    if second:
+        color = uav_color(frame.second.unique().tolist().index(second))
+    else:
+        color = _GREY if is_baseline else uav_color(solvers.index(method))
+    dash = scheme_dash(method.partition(', ')[0]) if is_baseline else (
+        _DASHES[solvers.index(method) % len(_DASHES)])
+    words = [second] if second else []
+    if len(methods) > 1 or not second:
+        words.append(scheme_name(method))
+    return color, dash, ', '.join(words)
+
+
+def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) -> None:
+    """
+    Draw a point at the median rate of each x, by the number of its missions that were flown.
+
+    If some missions were not flown, the point is hollow and labelled with the number of flown
+    ones. If none was flown, a cross is drawn at 2% of the height of the axes.
+
+    :param medians: median rates by x; `flown` and `asked` are numbers of missions by x.
+    """
+    for x, median in medians.items():
+        style = {'color': color, 'markersize': 5, 'clip_on': False, 'markerfacecolor': (
+            color if flown[x] == asked[x] else 'white')}
+        if not flown[x]:
+            axes.plot(x, 0.02, _EMPTY_POINT, transform=axes.get_xaxis_transform(), **style)
+            continue
+        axes.plot(x, median, 'o', **style)
+        if flown[x] < asked[x]:
+            axes.annotate(f'n = {flown[x]}', (x, median), (5, -9), color=color,
+                          textcoords='offset points', fontsize=7.5)
 
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add one legend above all axes, with notes on what lines and points mean."""
+    """
+    Add one legend above all axes, with notes on what lines and points mean.
+
+    :param chosen: names of the field x and the second, third and fourth field, or None.
+    """
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen
@@ -209,7 +245,7 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
 
 
 def _list_failures(frame: Any, name: str | None) -> list[str]:
-    """Return lines of text: how many missions could not be flown, and at which values."""
+    """Return lines of text: how many missions could not be flown, and at which values of x."""
     failed = frame.rate.isna()
     if not failed.any():
         return []
@@ -242,12 +278,17 @@ def _unit(field: str) -> str:
 
 
 def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
-    """Return the first varied field with numbers and three later with few values, or None."""
+    """
+    Return the names of the field x and the second, third and fourth field, each None if missing.
+
+    x is the first varying field whose values are all numbers, with at most max(2, R // 2) values
+    in R rows. Each later field varies and has at most min(_MOST_LINES, R // 2) values.
+    """
     samples = len({row['sample'] for row in rows})
     counts = {}
     for name in rows[0]['fields'] if rows else ():
         values = [json.dumps(row['fields'][name]) for row in rows]
-        # A random field has one value in each sample.
+        # A field varies if a sample has several of its values; a drawn field has one value.
         if len({*zip((row['sample'] for row in rows), values)}) > samples:
             counts[name] = len({*values})
     first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)

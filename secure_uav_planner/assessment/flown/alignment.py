@@ -21,7 +21,7 @@ _LEAST_OVERLAP = 0.5  # Share of the plan that a log must cover for a fit.
 _APART_S = 2.0  # Time within which two minima of a fit are taken as one.
 _ALIKE = 1.5  # Largest ratio of the RMS of two minima that are alike.
 _ALIKE_M = 0.5  # Distance by which the RMS of two alike minima may differ beyond the ratio.
-_POOR = 0.1  # Nothing fits where the RMS is above this share of the extent of the ways.
+_POOR = 0.1  # Nothing fits where the RMS is above this share of the extent of the paths.
 _REST_S = 2.0  # Duration of the motion by which a vehicle is judged to begin at rest.
 _REST_M = 0.5  # Distance that a vehicle at rest moves at most in _REST_S.
 _LEFT_M = 2.0  # Distance from its start at which a vehicle has left.
@@ -47,7 +47,7 @@ class Shift(NamedTuple):
 
 
 def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
-    """Return the best source of the time that all logs have."""
+    """Return the first of plan_time, utc, takeoff and fit that all logs have."""
     if all(log.plan_times is not None for log in logs):
         return 'plan_time'
     if course.last.start_ns is not None and all(log.utc_offset is not None for log in logs):
@@ -58,11 +58,12 @@ def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
 def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
                source: TimeSource, is_moved: bool) -> Shift:
     """
-    Return the shift of logs on one clock by a source of time.
+    Return the shift of logs that share one clock: time of the log minus time of the plan.
 
     :param uavs: index of the UAV of each log.
-    :param is_moved: whether the frame of each log may lie anywhere.
-    :raises LogFileError: where the source has no answer, or two.
+    :param source: what tells the time of the plan, as in TIME_SOURCES.
+    :param is_moved: whether the log's frame may be displaced; used by 'fit' only.
+    :raises LogFileError: if the source has no answer, or two.
     """
     if source == 'plan_time':
         return _find_reported_shift(logs[0])
@@ -71,7 +72,7 @@ def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
         if offset is None or start_ns is None:
             what = 'the plan has no start' if offset is not None else 'the log has no UTC'
             raise LogFileError(f'{what}; give --at takeoff or --at fit')
-        return Shift(start_ns * 1e-9 - offset, 0.0)
+        return Shift(start_ns * 1e-9 - offset, 0.0)  # Time of the log at point 0 of the plan.
     if source == 'takeoff':
         return _find_takeoff_shift(logs, course, uavs)
     return fit_shift(logs, course, uavs, is_moved)
@@ -96,7 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift by when vehicles and plan leave their first places."""
+    """Return the Shift by the median over the UAVs of takeoff in the log minus in the plan."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
@@ -114,23 +115,23 @@ def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequen
 def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
               is_moved: bool = False) -> Shift:
     """
-    Return the shift with the least mean squared distance of logs from a plan.
+    Return the shift with the least mean squared distance [m^2] of logs from their course.
 
-    :param is_moved: whether the frame of each log may lie anywhere.
-    :raises LogFileError: where two shifts are alike, as after several flights of one plan, or a
-        log is longer than a day.
+    :param uavs: index of the UAV of each log.
+    :param is_moved: True if each log's frame may be displaced: its mean difference is subtracted.
+    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if the
+        logs cover too little of the plan, or if they are longer than _LONGEST_S.
     """
     first = min(log.times[0] for log in logs)
     length = max(log.times[-1] for log in logs) - first
     if length > _LONGEST_S:
         raise LogFileError(f'it spans {length / 3600:.3g} h and a fit takes at most '
                            f'{_LONGEST_S / 3600:g} h; cut the log to one flight')
-    count = math.ceil(length / STEP_S) + 1
-    clock = first + STEP_S * np.arange(count)
-    lags, means, weights = _measure_lags(
+    clock = first + STEP_S * np.arange(math.ceil(length / STEP_S) + 1)
+    lags, means, counts = _measure_lags(
         [log.positions_at(clock)[:, :2] for log in logs], course, uavs, is_moved)
     planned = len(logs) * len(_sample_times(course))
-    means[weights < _LEAST_OVERLAP * planned] = np.inf
+    means[counts < _LEAST_OVERLAP * planned] = np.inf
     best = int(np.argmin(means))
     if not math.isfinite(means[best]):
         raise LogFileError(f'the log covers less than {_LEAST_OVERLAP:.0%} of the plan')
@@ -144,9 +145,10 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
             f'two times fit alike: shifts of {lags[best]:.1f} s ({rms:.2f} m) and '
             f'{lags[second]:.1f} s ({second_rms:.2f} m); give --at utc, or cut the '
             'log to one flight')
-    # The mean square rises by (speed * delay)^2 away from its minimum.
+    # Near the minimum, the mean is rms^2 + rise * n^2 at n steps from it. With `independent`
+    # errors, the standard deviation of n is rms / sqrt(rise * independent).
     rise = max(float(np.diff(means[max(best - 1, 0):best + 2], 2).sum()), 0.0) / 2
-    independent = max(1.0, float(weights[best]) * STEP_S / _INDEPENDENT_S)
+    independent = max(1.0, float(counts[best]) * STEP_S / _INDEPENDENT_S)
     if not math.isfinite(rise) or rise == 0.0:
         return Shift(seconds, STEP_S, rms)
     return Shift(seconds, rms * STEP_S / math.sqrt(rise * independent), rms)
@@ -154,7 +156,7 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, float]:
     """
-    Return the index of the least local minimum apart from the best one, and its RMS [m].
+    Return the index of the least local minimum over _APART_S from the best, and its RMS [m].
 
     :param lags: lags in steps of STEP_S, (L,).
     :param means: mean squared distance at each lag, (L,) in m^2.
@@ -168,55 +170,55 @@ def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, flo
 
 def find_delay(positions: Array, course: Course, uav: int) -> float:
     """
-    Return the time in s by which a UAV is behind its course; NaN if nothing tells.
+    Return the time in s by which a UAV is behind its course; NaN if it hovers or no lag fits.
 
     :param positions: (K, 2) in m at the times of the course in steps of STEP_S; NaN in gaps.
     """
     planned = course.at(_sample_times(course)).positions[uav]
     if np.ptp(planned, axis=0).max() < _LEFT_M or not np.isfinite(positions).any():
         return math.nan
-    lags, means, weights = _measure_lags([positions], course, [uav], False)
-    means[weights < _LEAST_OVERLAP / 2 * weights.max()] = np.inf
+    lags, means, counts = _measure_lags([positions], course, [uav], False)
+    means[counts < _LEAST_OVERLAP / 2 * counts.max()] = np.inf
     best = int(np.argmin(means))
     if not np.isfinite(means[max(best - 1, 0):best + 2]).all():
-        return math.nan  # The delay is longer than can be told.
+        return math.nan  # The best lag is at the edge of the lags with enough samples.
     return _refine_lag(lags, means, best) + course.begin
 
 
 def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], is_moved: bool
                   ) -> tuple[Array, Array, Array]:
     """
-    Measure how far tracks are from their course at each lag.
+    Return lags (L,) [s], mean squared distances (L,) [m^2] of tracks, and samples compared (L,).
 
-    The sum of |flown - planned|^2 over the samples that a lag compares is expanded to
-    sum |flown|^2 + sum |planned|^2 - 2 sum flown . planned; each sum is a correlation. A frame
-    that may lie anywhere moves so that the mean difference is 0.
+    At a lag, the first sample of the tracks is flown at the time -lag of the plan. The sum of
+    |flown - planned|^2 over the samples that a lag compares is sum |flown|^2 + sum |planned|^2
+    - 2 sum flown . planned, and each of the three sums is a correlation over all lags.
 
     :param tracks: positions (K, 2) in m in steps of STEP_S; NaN in gaps.
-    :return: lags (L,) in s of the first sample behind the time of the plan, mean squared distances
-        (L,) in m^2, and numbers of samples compared (L,).
+    :param is_moved: True if each track's frame may be displaced: |sum (flown - planned)|^2 / n is
+        subtracted for n samples, which leaves the squared distances from the mean difference.
     """
     times = _sample_times(course)
     planned = course.at(times).positions
-    squares, weights = np.zeros(1), np.zeros(1)
+    squares, counts = np.zeros(1), np.zeros(1)
     for track, uav in zip(tracks, uavs, strict=True):
-        # Coordinates (2, K) of both, from centres near them, to keep the digits of differences.
+        # Coordinates (2, K) of both are relative to their centres, which avoids cancellation.
         path = planned[uav].T
         centre = path.mean(axis=1, keepdims=True)
         covered = np.isfinite(track[:, 0]).astype(float)
         middle = np.nanmean(track, axis=0)[:, None] if is_moved else centre
         flown, path = np.where(covered, track.T - middle, 0.0), path - centre
         ones = np.ones(len(times))
-        number = _correlate(covered, ones)
+        count = _correlate(covered, ones)
         squares = squares + _correlate((flown**2).sum(axis=0), ones) + _correlate(
             covered, (path**2).sum(axis=0)) - 2 * sum(map(_correlate, flown, path))
         if is_moved:
             differences = np.stack([_correlate(row, ones) - _correlate(covered, target)
                                     for row, target in zip(flown, path)])
-            squares = squares - (differences**2).sum(axis=0) / np.maximum(number, 1.0)
-        weights = weights + number
-    lags = STEP_S * (np.arange(len(weights)) - (len(times) - 1)) - times[0]
-    return lags, np.maximum(squares, 0.0) / np.maximum(weights, 1.0), weights
+            squares = squares - (differences**2).sum(axis=0) / np.maximum(count, 1.0)
+        counts = counts + count
+    lags = STEP_S * (np.arange(len(counts)) - (len(times) - 1)) - times[0]
+    return lags, np.maximum(squares, 0.0) / np.maximum(counts, 1.0), counts
 
 
 def _refine_lag(lags: Array, means: Array, best: int) -> float:
@@ -239,7 +241,7 @@ def _sample_times(course: Course) -> Array:
 
 
 def _begins_at_rest(log: VehicleLog) -> bool:
-    """Return whether the vehicle of a log stands at first."""
+    """Return whether the vehicle moves less than _REST_M in the first _REST_S of its log."""
     begin = log.positions[log.times <= log.times[0] + _REST_S, :2]
     return bool(np.linalg.norm(begin - begin[0], axis=1).max() < _REST_M)
 
@@ -248,7 +250,8 @@ def _find_departure(times: Array, positions: Array, start: Array) -> float | Non
     """
     Return the time [s] at which a vehicle is _LEFT_M from its start, or None if it stays there.
 
-    If the vehicle comes back to its start before it is _FAR_M away, the last time counts.
+    If the vehicle comes back, the last departure before the first time at a distance of _FAR_M
+    counts. If it never gets that far, _FAR_M is replaced by its largest distance.
 
     :param times: times of the positions, (K,) in s.
     :param positions: positions of the vehicle, (K, 2) in m.
@@ -262,8 +265,8 @@ def _find_departure(times: Array, positions: Array, start: Array) -> float | Non
         if distances.min() > _LEFT_M:
             distances = np.linalg.norm(positions - positions[0], axis=1)
         arrival = int(np.argmax(distances <= _LEFT_M))
-        most = min(_FAR_M, distances[arrival:].max())
-        far = arrival + int(np.argmax(distances[arrival:] >= most))
+        reach = min(_FAR_M, distances[arrival:].max())
+        far = arrival + int(np.argmax(distances[arrival:] >= reach))
         near = int(np.flatnonzero(distances[:far + 1] <= _LEFT_M)[-1])
         start = positions[np.searchsorted(times, times[near] - _STOOD_S)]
     if near == far:

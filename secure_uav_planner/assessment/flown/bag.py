@@ -46,7 +46,9 @@ class FlightBag:
 
     def follow(self, plan: Plan) -> tuple[dict[str, VehicleLog], Course]:
         """
-        Return logs with the time of a plan, and its course with all replans.
+        Return the logs with the times of a plan added, and the course of the plan and its replans.
+
+        In a bag without reports, logs get no times, and a plan is in force since its publication.
 
         :raises LogFileError: for a bag without a flight of this plan.
         """
@@ -67,7 +69,7 @@ class FlightBag:
 
     def _find_revisions(self, plan: Plan) -> dict[str, Plan]:
         """
-        Return the plans by identity that have the start and the points' times of a plan.
+        Return a plan and its replans by identity: plans with its start and its times of points.
 
         :raises LogFileError: if plans were published or flown, and the given one was not.
         """
@@ -83,7 +85,13 @@ class FlightBag:
 
     def _find_last_flight(self, revisions: dict[str, Plan], plan: Plan
                           ) -> tuple[list[Report], list[str]]:
-        """Return the reports of the last flight of revisions of a plan, and notes on others."""
+        """
+        Return the reports of the last flight, and notes on earlier flights and other plans.
+
+        A new flight begins where the reported time of the plan goes back by over _RESTART_NS.
+
+        :param revisions: the plan and its replans by identity.
+        """
         flown = [report for report in self.reports if report.identity in revisions]
         if not flown:
             raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
@@ -120,8 +128,9 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
     """
     Return a plan whose promise ends at the first report of a flight that is early or late.
 
-    A promise for receivers that move holds at the planned times only. A UAV that waits at its
-    start for the planned time keeps the promise.
+    A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
+    where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
+    UAV that waits at its start for the planned time keeps the promise.
     """
     if plan.promised_until is None:
         return plan
@@ -137,7 +146,11 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
 
 def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """Return times in s of the clock and of the plan, of the last flight's increasing times."""
+    """
+    Return times in s of the log's clock and of the plan, from the reports of one flight.
+
+    :param origin_ns: time 0 of the log's clock; `start_ns` is the time of the plan's point 0.
+    """
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
     # While the plan's time stands, only the first and the last report count.
@@ -151,7 +164,8 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
     """
     Return the flight of UAVs in a bag by their odometry, such as `<uav>/odom` in any namespace.
 
-    Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, where there are any.
+    Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, if the bag has them.
+    Messages without a header get its time by interpolation, since headers may be simulated time.
     """
     messages = _read_messages(path, uavs)
     flying = [uav for uav in uavs if messages.states[uav]]
@@ -162,7 +176,7 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
     origin_ns, arrival_ns = int(headers.min()), int(stamps.min())
 
     def to_clock(times_ns: Any) -> Any:
-        """Return times of the headers' clock, which may be simulated, at times of arrival."""
+        """Return times [ns] of the headers' clock from origin_ns at times of arrival [ns]."""
         return np.interp(np.asarray(times_ns) - arrival_ns, stamps[order] - arrival_ns,
                          headers[order] - origin_ns)
 
@@ -200,7 +214,7 @@ class _Messages(NamedTuple):
 
 
 def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messages:
-    """Return what the messages of a bag say of UAVs."""
+    """Return the messages of a bag on the topics that _choose_topics picks for UAVs."""
     from rosbags.highlevel import AnyReader  # Here, since few need it.
     from rosbags.typesys import get_typestore, Stores
     read = _Messages({uav: [] for uav in uavs}, {uav: [] for uav in uavs},
@@ -230,7 +244,12 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messag
 
 def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
                    ) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yield topics, each with its role and its UAV; the best one of several odometries."""
+    """
+    Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
+
+    Of several odometry topics, one with the UAV's name is preferred, then one that ends in
+    `<uav>/odom`, then the shortest.
+    """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: topic.strip('/').split('/') for topic in kinds}
     for role in ('plan', 'plan_time'):
@@ -255,9 +274,9 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _list_state(message: Any) -> tuple[float, ...]:
-    """Return x, y, z, and the velocity in x and y; the twist is in the vehicle's frame."""
+    """Return x, y, z [m] and the velocity in x and y [m/s] of an Odometry, in the fixed frame."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
-    twist = message.twist.twist.linear
+    twist = message.twist.twist.linear  # The twist is in the vehicle's frame.
     sine = 2 * (turn.w * turn.z + turn.x * turn.y)
     cosine = 1 - 2 * (turn.y**2 + turn.z**2)
     return (place.x, place.y, place.z, cosine * twist.x - sine * twist.y,

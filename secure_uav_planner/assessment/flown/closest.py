@@ -22,15 +22,19 @@ class Closest(NamedTuple):
 def find_separation(flight: FlownFlight) -> Closest | None:
     """Return the smallest distance between two UAVs in space, or None for one UAV."""
     places = _fill_heights(flight)
-    return _choose(flight.times, {
+    return _find_least(flight.times, {
         f'{first} and {second}': np.linalg.norm(places[first] - places[second], axis=1)
         for first, second in combinations(places, 2)})
 
 
 def find_zone(flight: FlownFlight) -> Closest | None:
-    """Return the smallest distance to a zone at the UAV's height, negative inside, or None."""
+    """
+    Return the smallest distance of a UAV to a zone, negative inside, or None.
+
+    A zone counts while the UAV is between its floor and its ceiling, within the tracking margin.
+    """
     scenario, margin = flight.plan.scenario, flight.plan.scenario.tracking_margin
-    return _choose(flight.times, {
+    return _find_least(flight.times, {
         f'{name} and {zone_name}': np.where(
             (path[:, 2] >= zone.floor - margin) & (path[:, 2] <= zone.ceiling + margin),
             -_measure_depths(zone.vertices, path), np.nan)
@@ -41,7 +45,7 @@ def find_zone(flight: FlownFlight) -> Closest | None:
 def find_fence(flight: FlownFlight) -> Closest | None:
     """Return the smallest distance to the geofence, negative outside, or None without one."""
     fence = flight.plan.scenario.geofence
-    return _choose(flight.times, {} if fence is None else {
+    return _find_least(flight.times, {} if fence is None else {
         name: _measure_depths(fence, path) for name, path in _fill_heights(flight).items()})
 
 
@@ -62,8 +66,8 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
     return np.where(np.isfinite(path[:, 0]), depths, np.nan)
 
 
-def _choose(times: Array, distances: dict[str, Array]) -> Closest | None:
-    """Return the smallest of distances (K,) by names, which may be NaN, or None without any."""
+def _find_least(times: Array, distances: dict[str, Array]) -> Closest | None:
+    """Return the least of distances (K,) [m], by names, at times (K,); None if all are NaN."""
     closest = [Closest(float(values[index]), float(times[index]), names)
                for names, values in distances.items() if np.isfinite(values).any()
                for index in [int(np.nanargmin(values))]]

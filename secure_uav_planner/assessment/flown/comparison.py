@@ -95,7 +95,11 @@ class Comparison:
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """Return the mean rate of an objective over the covered slots, in bit/s/Hz."""
+        """
+        Return the rate of an objective over the covered slots [bit/s/Hz], NaN without any.
+
+        It is the least of (mean rate of a node + its offset) / (its weight) over the ground nodes.
+        """
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():
@@ -104,7 +108,7 @@ class Comparison:
         return find_least_rate(self.plan.scenario, rates.mean(axis=1))
 
     def delivered(self, is_planned: bool = False) -> Array:
-        """Return what each node got in secret in the covered slots, (G,) in bit/Hz."""
+        """Return what each ground node got in secret in the covered slots, (G,) in bit/Hz."""
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         rates = (self.planned if is_planned else self.achieved)[self.plan.objective]
         return np.asarray(rates[:, self.covered].sum(axis=1) * self.plan.scenario.slot_duration)
@@ -204,38 +208,41 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     achieved, planned = ({kind: np.full(plan.shares.shape, np.nan) for kind in OBJECTIVES}
                          for _ in range(2))
     promised = np.zeros(plan.scenario.slots, bool)
-    # A leg is a plan with the slots in which it was in force.
-    for leg, slots in flight.course.split_slots():
-        promised[slots], flown = leg.promised_slots[slots], slots[covered[slots]]
-        for rates, chosen, state_at in ((planned, slots, _plan_state(leg, slots)),
-                                        (achieved, flown, _fly_state(flight, leg, flown))):
+    # `revision` is the plan that was in force in `slots`.
+    for revision, slots in flight.course.split_slots():
+        promised[slots], flown = revision.promised_slots[slots], slots[covered[slots]]
+        for rates, chosen, state_at in (
+                (planned, slots, _make_planned_state(revision, slots)),
+                (achieved, flown, _make_flown_state(flight, revision, flown))):
             for kind, find_rates in NODE_RATES.items():
-                means = mean_node_rates(leg.scenario, find_rates, state_at, chosen)
-                rates[kind][:, chosen] = leg.shares[:, chosen] * np.maximum(means, 0.0)
+                means = mean_node_rates(revision.scenario, find_rates, state_at, chosen)
+                rates[kind][:, chosen] = revision.shares[:, chosen] * np.maximum(means, 0.0)
     return Comparison(
         flight, {name: errors for name, (errors, _) in measured.items()},
         find_separation(flight), find_zone(flight), find_fence(flight), covered,
         promised, {kind: read_only(rates) for kind, rates in achieved.items()},
         {kind: read_only(rates) for kind, rates in planned.items()},
-        read_only(np.stack([way for _, way in measured.values()])))
+        read_only(np.stack([cross_track for _, cross_track in measured.values()])))
 
 
-def _plan_state(plan: Plan, slots: NDArray[np.intp]) -> Callable[[Array], tuple[Array, Array]]:
+def _make_planned_state(plan: Plan, slots: NDArray[np.intp]
+                        ) -> Callable[[Array], tuple[Array, Array]]:
     """
-    Return a function of times, one in each of K slots, (K,) in s from point 0.
+    Return a function that maps times to planned positions (U, K, 2) [m] and powers (U, K) [W].
 
-    It returns the planned positions (U, K, 2) in m and powers (U, K) in W.
+    :param slots: indices (K,) of slots; time k [s from point 0] must lie in slot `slots[k]`.
     """
     return lambda times: (plan.curve.at(times).positions, plan.powers[:, slots])
 
 
-def _fly_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
-               ) -> Callable[[Array], tuple[Array, Array]]:
+def _make_flown_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
+                      ) -> Callable[[Array], tuple[Array, Array]]:
     """
-    Return a function of times, one in each of K slots, (K,) in s from point 0.
+    Return a function that maps times to flown positions (U, K, 2) [m] and powers (U, K) [W].
 
-    It returns the flown positions (U, K, 2) in m and powers (U, K) in W. If no log has powers, the
-    planned powers are returned.
+    The powers are the planned ones if a log lacks them.
+
+    :param slots: indices (K,) of slots; time k [s from point 0] must lie in slot `slots[k]`.
     """
     def find_state(times: Array) -> tuple[Array, Array]:
         powers = flight.powers_at(times)
@@ -244,11 +251,12 @@ def _fly_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
 
 
 def _find_covered(flight: FlownFlight) -> NDArray[np.bool_]:
-    """Return which slots are covered, (N,): all logs have positions at all times within."""
+    """Return for each slot, (N,), whether all logs have positions at all flight.times in it."""
     scenario = flight.plan.scenario
+    # Slot n goes from edge n to edge n + 1. A time STEP_S / 10 before an edge is rounded onto it.
     edges = scenario.slot_duration * np.arange(1, scenario.slots + 2)
     first = np.searchsorted(flight.times, edges - STEP_S / 10)
-    # Whether all logs have a position at each of flight.times, and after the last one.
+    # Whether all logs have a position at each of flight.times; after the end, as at the last one.
     in_all = np.append(flight.covered.all(axis=0), flight.covered[:, -1].all())
     covered: NDArray[np.bool_] = np.logical_and.reduceat(
         in_all, np.minimum(first, len(in_all) - 1))[:-1]

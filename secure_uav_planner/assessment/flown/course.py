@@ -39,7 +39,7 @@ class Course(NamedTuple):
 
     def at(self, times: Array) -> Motion:
         """Return the planned motion at times (K,) in s from point 0, as Curve.at."""
-        numbers = self._choose(times)
+        numbers = self._find_numbers(times)
         parts = [np.where(numbers == number)[0] for number in range(len(self.plans))]
         pieces = [plan.curve.at(times[part])
                   for plan, part in zip(self.plans, parts, strict=True)]
@@ -50,10 +50,10 @@ class Course(NamedTuple):
     def split_slots(self) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
         """Yield each plan with the indices of the slots in whose middle it is in force."""
         scenario = self.last.scenario
-        numbers = self._choose(scenario.times[1:-1] + scenario.slot_duration / 2)
+        numbers = self._find_numbers(scenario.times[1:-1] + scenario.slot_duration / 2)
         for number, plan in enumerate(self.plans):
             yield plan, np.flatnonzero(numbers == number)
 
-    def _choose(self, times: Array) -> NDArray[np.intp]:
-        """Return the number of the plan in force at times (K,) in s."""
+    def _find_numbers(self, times: Array) -> NDArray[np.intp]:
+        """Return the index in `plans` of the plan in force at times (K,) in s from point 0."""
         return np.searchsorted(self.begins, times, 'right') - 1

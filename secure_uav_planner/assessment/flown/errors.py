@@ -12,7 +12,7 @@ from ...model.curve import integrate_powers
 
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
 _MOVING = 0.05  # Share of the largest speed below which a plan hovers.
-_PROJECTIONS = 5  # Steps, each of at most 1 s, from the place at a time to the nearest one.
+_PROJECTIONS = 5  # Steps, each of at most 1 s, along the path to its nearest point.
 _WH = 3600.0  # One watt-hour in J.
 
 
@@ -67,29 +67,29 @@ class UavErrors(NamedTuple):
 
 
 def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
-    """Return a UAV's errors, and its distances (K,) in m from the planned path at flight.times."""
+    """Return a UAV's errors, and its distances (K,) [m] from the planned path at flight.times."""
     times, uav = flight.times, flight.plan.scenario.uavs[index]
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
     distances = np.linalg.norm(flown[:, :2] - planned, axis=1)
     delay = find_delay(flown[:, :2], flight.course, index)
-    sides = _measure_sides(flight, index, delay)
-    ways = np.abs(sides)
+    signed = _measure_cross_track(flight, index, delay)
+    cross_track = np.abs(signed)
     error_max, error_max_time = _find_largest(distances, times)
-    cross_max, cross_max_time = _find_largest(ways, times)
+    cross_max, cross_max_time = _find_largest(cross_track, times)
     speed, acceleration, energy = _measure_motion(flight, index)
     behind = flight.course.at(times - np.nan_to_num(delay)).positions[index]
     energies = flight.plan.energies[index]
-    joules = _take_battery(flight, index)
+    joules = _measure_battery(flight, index)
     return UavErrors(
         delay_s=delay,
         error_rms_m=_compute_rms(distances),
         error_max_m=error_max, error_max_time_s=error_max_time,
-        cross_track_rms_m=_compute_rms(ways),
-        cross_track_95_m=_compute_quantile(ways, 0.95),
-        cross_track_99_m=_compute_quantile(ways, 0.99),
+        cross_track_rms_m=_compute_rms(cross_track),
+        cross_track_95_m=_compute_quantile(cross_track, 0.95),
+        cross_track_99_m=_compute_quantile(cross_track, 0.99),
         cross_track_max_m=cross_max, cross_track_max_time_s=cross_max_time,
-        cross_track_mean_m=_compute_mean(sides),
+        cross_track_mean_m=_compute_mean(signed),
         offset_m=(_compute_mean(flown[:, 0] - behind[:, 0]),
                   _compute_mean(flown[:, 1] - behind[:, 1])),
         height_error_max_m=_compute_quantile(np.abs(flown[:, 2] - uav.altitude), 1.0),
@@ -98,17 +98,18 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
         jumps_s=tuple(time for _, time in find_jumps(log, clock, times)),
         energy_j=energy, planned_energy_j=math.nan if energies is None else energies.total,
         battery_wh=joules / _WH, battery_factor=joules / energy,
-        setpoint_error_rms_m=_measure_setpoints(flight, index, planned)), ways
+        setpoint_error_rms_m=_measure_setpoints(flight, index, planned)), cross_track
 
 
-def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
+def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array:
     """
     Return the cross-track errors of a UAV at flight.times, (K,) in m; NaN in gaps.
 
-    Errors are positive on the left of the planned path. While the plan hovers, the error is the
-    distance from the hovering place.
+    Each is the distance from the nearest point of the planned path, positive on its left. That
+    point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, from t - delay.
+    While the plan hovers, the error is the distance from the hovering point.
 
-    :param delay: first guess of the time [s] by which the UAV is behind its plan, or NaN.
+    :param delay: time [s] by which the UAV is behind its plan, or NaN, taken as 0.
     """
     flown = np.nan_to_num(flight.positions[index, :, :2])
     max_speed = flight.plan.scenario.uavs[index].max_speed
@@ -119,7 +120,7 @@ def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
         velocity = motion.velocities[index]
         squares = (velocity**2).sum(axis=1)
         is_moving = squares > (_MOVING * max_speed)**2
-        if number < _PROJECTIONS:  # Go to the point of the planned path beside the UAV.
+        if number < _PROJECTIONS:
             ahead = (offsets * velocity).sum(axis=1) / np.maximum(squares, 1e-9)
             times = times + np.where(is_moving, np.clip(ahead, -1.0, 1.0), 0.0)
     headings = motion.headings[index]
@@ -129,25 +130,25 @@ def _measure_sides(flight: FlownFlight, index: int, delay: float) -> Array:
 
 
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
-    """Return the largest speed in m/s and acceleration in m/s^2, and the energy in J."""
+    """Return the largest speed [m/s] and acceleration [m/s^2] flown, and the energy [J]."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     clock = clock[np.isfinite(clock)]
-    # Speeds and energy count in the vehicle's time: in a pause the plan's time stands.
+    # Speeds and energy are measured on the log's clock, since the plan's time stops in a pause.
     times = np.arange(clock[0], clock[-1], STEP_S) if len(clock) else np.zeros(0)
     if len(times) < 2:
         return math.nan, math.nan, math.nan
     velocities = flight.logs[uav.name].velocities_at(times)
     window = max(1, round(_WINDOW_S / STEP_S))
     changes = np.linalg.norm(velocities[window:] - velocities[:-window], axis=1)
-    whole = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
-    energy = math.nan if uav.propulsion is None or not whole.any() else float(integrate_powers(
-        (uav,), velocities[:-1][whole][None], velocities[1:][whole][None], STEP_S).sum())
+    known = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
+    energy = math.nan if uav.propulsion is None or not known.any() else float(integrate_powers(
+        (uav,), velocities[:-1][known][None], velocities[1:][known][None], STEP_S).sum())
     return (_compute_quantile(np.linalg.norm(velocities, axis=1), 1.0),
             _compute_quantile(changes, 1.0) / (window * STEP_S), energy)
 
 
-def _take_battery(flight: FlownFlight, index: int) -> float:
-    """Return the energy in J taken from the battery in the time covered."""
+def _measure_battery(flight: FlownFlight, index: int) -> float:
+    """Return the energy [J] taken from the battery from the first to the last covered time."""
     log = flight.logs[flight.plan.scenario.uavs[index].name]
     clock = flight.clocks[index][flight.covered[index]]
     if log.battery is None or not len(clock):
@@ -156,21 +157,21 @@ def _take_battery(flight: FlownFlight, index: int) -> float:
 
 
 def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float:
-    """Return the RMS distance in m of the autopilot's targets from planned positions (K, 2)."""
+    """Return the RMS distance [m] of the autopilot's setpoints from planned positions (K, 2)."""
     log, clock = flight.logs[flight.plan.scenario.uavs[index].name], flight.clocks[index]
     if log.setpoints is None:
         return math.nan
-    when, places = log.setpoints
-    valid = np.isfinite(places).all(axis=1)
+    times, positions = log.setpoints
+    valid = np.isfinite(positions).all(axis=1)
     if not valid.any():
         return math.nan
-    targets = np.stack([np.interp(clock, when[valid], column[valid], np.nan, np.nan)
-                        for column in places.T], axis=-1)
+    targets = np.stack([np.interp(clock, times[valid], column[valid], np.nan, np.nan)
+                        for column in positions.T], axis=-1)
     return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 
 
 def _find_gap(covered: Array) -> float:
-    """Return the longest time without a position in s."""
+    """Return the longest time [s] without a position; `covered` (K,) is in steps of STEP_S."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
     return float(max((last - first for first, last in edges.reshape(-1, 2)), default=0) * STEP_S)
 

@@ -66,14 +66,18 @@ class FlownFlight:
                          for path in self.positions]).swapaxes(1, 2)
 
     def powers_at(self, times: Array) -> Array | None:
-        """Return powers set at times (K,) in s from point 0, (U, K) in W; None if not logged."""
+        """
+        Return powers set at times (K,) in s from point 0, (U, K) in W; None if a log has none.
+
+        The last power set before a time holds, and 0 W holds before the first one.
+        """
         times, rows = checked_array('times', times, (None,)), []
         for log, clock in zip(self.logs.values(), self.clocks, strict=True):
             if log.powers is None:
                 return None
-            when, watts = log.powers
-            last = np.searchsorted(
-                when, np.interp(times, self.times, clock) + 1e-6, 'right') - 1
+            set_times, watts = log.powers
+            last = np.searchsorted(  # A power set at a time holds then, within 1e-6 s.
+                set_times, np.interp(times, self.times, clock) + 1e-6, 'right') - 1
             rows.append(np.where(last < 0, 0.0, watts[np.maximum(last, 0)]))
         return np.stack(rows)
 
@@ -135,7 +139,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
 
 
 def _list_notes(logs: Mapping[str, VehicleLog], clocks: list[Array], times: Array) -> list[str]:
-    """Return the notes of each log, of its jumps in the flight and of what it lacks."""
+    """Return the notes of each log, then its jumps in the flight and the data that it lacks."""
     notes = []
     for (name, log), clock in zip(logs.items(), clocks, strict=True):
         notes += [f'{name}: {note}' for note in log.notes]
@@ -151,7 +155,7 @@ def _list_notes(logs: Mapping[str, VehicleLog], clocks: list[Array], times: Arra
 
 def find_jumps(log: VehicleLog, clock: Array, times: Array) -> list[tuple[float, float]]:
     """
-    Return the jumps of a log's frame in the flight, in s of the log and of the plan.
+    Return (time of the log, time of the plan) [s] of each jump of a log's frame in the flight.
 
     :param clock: the log's time in s at times (K,) of the plan.
     """
@@ -162,7 +166,12 @@ def find_jumps(log: VehicleLog, clock: Array, times: Array) -> list[tuple[float,
 
 def _doubt_shift(names: list[str], logs: list[VehicleLog], course: Course, uavs: list[int],
                  shift: Shift, time_from: TimeSource) -> list[str]:
-    """Return a note where another time of the plan fits far better."""
+    """
+    Return a note if a fit puts the flight at another time of the plan, or an empty list.
+
+    The two times differ by _DOUBTFUL_S or more, and the RMS of the fit is at most
+    START_TOLERANCE_M. Shifts by 'plan_time' and 'fit' get no note.
+    """
     if time_from in ('plan_time', 'fit'):
         return []
     try:

@@ -60,6 +60,7 @@ class VehicleLog:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        """Drop samples without a position or out of order; add the jumps of the positions."""
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
         valid = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
         latest = np.maximum.accumulate(times[valid])
@@ -79,7 +80,7 @@ class VehicleLog:
         object.__setattr__(self, 'jumps', tuple(sorted({*self.jumps, *seen})))
 
     def move(self, shift: ArrayLike) -> 'VehicleLog':
-        """Return the log with its frame moved by (x, y) in m."""
+        """Return the log with (x, y) [m] added to its positions and setpoints."""
         shift = np.append(np.asarray(shift, float), 0.0)
         setpoints = self.setpoints
         if setpoints is not None:
@@ -97,7 +98,7 @@ class VehicleLog:
         Return velocities (L, 2) in m/s at times of the log's clock.
 
         :param times: increasing, (L,) in s.
-        :return: NaN in gaps; in a log without velocities at jumps, too.
+        :return: NaN in gaps; differences of positions, NaN at jumps, if the log has no velocities.
         """
         positions = self.positions_at(times)[:, :2]
         if self.velocities is not None:
@@ -110,10 +111,10 @@ class VehicleLog:
         return np.asarray(velocities)
 
     def _covers(self, times: Array) -> NDArray[np.bool_]:
-        """Return whether a position is known at times (L,): on a sample, and not in a gap."""
+        """Return whether a position is known at times (L,): at a sample, or outside of gaps."""
         steps = np.diff(self.times)
         is_whole = steps <= LONGEST_GAP
-        # A step with a jump is a gap, except a short one.
+        # A step longer than LONGEST_GAP is a gap, and so is one over _SHORT_S with a jump.
         jumps = np.searchsorted(self.times, self.jumps, 'right') - 1
         jumps = jumps[(jumps >= 0) & (jumps < len(steps))]
         is_whole[jumps[steps[jumps] > _SHORT_S]] = False
@@ -129,22 +130,27 @@ def _interpolate(times: Array, samples: Array, values: Array) -> Array:
 
 
 def _find_jumps(times: Array, positions: Array) -> list[float]:
-    """Return the times in s of samples after which the position jumps."""
+    """
+    Return the times in s of the samples after which the position jumps.
+
+    The error of a step of s seconds is |move - s * mean velocity of both neighbours|. A step is a
+    jump if its error is the largest of three adjacent errors, and is above
+    max(_JUMP_M, _NOISE * median error) + _AGILITY * s^2.
+    """
     if len(times) < 4:
         return []
     steps = np.diff(times)
     moves = np.diff(positions[:, :2], axis=0)
-    # A step is compared with the mean velocity of the step before and the step after it.
     velocities = (moves[:-2] + moves[2:]) / (steps[:-2] + steps[2:])[:, None]
     errors = np.linalg.norm(moves[1:-1] - velocities * steps[1:-1, None], axis=1)
     allowed = max(_JUMP_M, _NOISE * float(np.median(errors))) + _AGILITY * steps[1:-1]**2
-    # A jump makes the steps beside it irregular, by half of the jump.
+    # A jump also gives the steps beside it an error, of half of the jump.
     is_largest = errors >= np.maximum(np.append(0.0, errors[:-1]), np.append(errors[1:], 0.0))
     return [float(time) for time in times[1:-2][(errors > allowed) & is_largest]]
 
 
 def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a note of when a mode of an autopilot was active, by its state at times (K,) in s."""
+    """Return a note of when a mode was active; `is_active` (K,) holds from times (K,) [s] on."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_active, [False]]).astype(int)))
     if not len(edges):
         return (f'it was never in {mode}',)
@@ -155,7 +161,7 @@ def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tupl
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Keep libraries from printing what they find damaged: an error says it in a line."""
+    """Discard all output of libraries, compiled ones included, inside the with statement."""
     with open(os.devnull, 'w') as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         errors = os.dup(2)  # Compiled libraries print to the file itself.
         os.dup2(nowhere.fileno(), 2)
@@ -168,9 +174,12 @@ def silence() -> Iterator[None]:
 
 def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[bytes]) -> None:
     """
-    Refuse a file without a magic at an offset: a library would search it byte by byte.
+    Refuse a file without the bytes of its format at an offset.
 
-    :raises LogFileError: for a file without any of the magics, which are equally long.
+    Without this check, the library of the format searches a wrong file byte by byte.
+
+    :param magics: allowed bytes, all of the same length.
+    :raises LogFileError: for a file with other bytes.
     """
     with open(path, 'rb') as file:
         begin = file.read(offset + max(map(len, magics)))
@@ -181,7 +190,7 @@ def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[by
 @contextmanager
 def refuse_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """
-    Raise whatever is raised while a log is read as a LogFileError that names the file.
+    Turn every error inside the with statement into a LogFileError that names the file.
 
     :raises MissingPackageError: when the library is not installed.
     """

@@ -1,4 +1,4 @@
-"""The place of a log's frame in the frame of the plan."""
+"""The position of a log's frame in the frame of the plan."""
 
 from collections.abc import Mapping
 import math
@@ -23,10 +23,12 @@ _CLOSE_FIT = 0.05  # A fit is close if its RMS is below this share of the extent
 def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: object
                ) -> tuple[dict[str, VehicleLog], set[str]]:
     """
-    Return logs moved into the plan's frame, and the names of UAVs whose frame has a known place.
+    Return logs moved into the plan's frame, and the names of UAVs whose log could be moved.
 
-    :param shifts: place (x, y) in m of the origin of each UAV's log, by UAV, or None. Without a
-        place, the origins on Earth of the log and of the mission count.
+    A log without a shift and without an origin on Earth, of itself or the mission, is not moved.
+
+    :param shifts: position (x, y) in m of the origin of each UAV's log in the plan's frame, by
+        UAV, or None. A UAV without one gets it from the origins of its log and of the mission.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
@@ -49,13 +51,15 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
 def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav: int,
                 time_from: TimeSource) -> None:
     """
-    Refuse a log whose frame differs from the plan's frame, as nothing tells where it lies.
+    Refuse a log whose first position in the flight is too far from the plan: frames differ.
+
+    The largest distance is START_TOLERANCE_M or the tracking margin, the larger of the two.
 
     :param clock: the log's time in s at times (K,) of the plan.
-    :raises LogFileError: with the place of the frame that fits, if one does.
+    :raises LogFileError: with the option to type, such as --shift, if one lets the log fit.
     """
     scenario = course.last.scenario
-    name, most = scenario.uavs[uav].name, max(START_TOLERANCE_M, scenario.tracking_margin)
+    name, tolerance = scenario.uavs[uav].name, max(START_TOLERANCE_M, scenario.tracking_margin)
     flown = log.positions_at(clock)[:, :2]
     inside = np.flatnonzero(np.isfinite(flown[:, 0]))
     if not len(inside):
@@ -64,30 +68,30 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
     first = inside[0]
     offset = course.at(times[[first]]).positions[uav, 0] - flown[first]
     distance = float(np.linalg.norm(offset))
-    if distance > most:
+    if distance > tolerance:
         raise LogFileError(
             f'{name} is {distance:.1f} m from its plan at its begin, by {time_from}; at most '
-            f'{most:g} m are taken as one frame{_suggest(log, course, uav, most)}')
+            f'{tolerance:g} m are taken as one frame{_suggest(log, course, uav, tolerance)}')
 
 
-def _suggest(log: VehicleLog, course: Course, uav: int, most: float) -> str:
-    """Return what to type for a log in another frame, or nothing where nothing fits."""
+def _suggest(log: VehicleLog, course: Course, uav: int, tolerance: float) -> str:
+    """Return the option to type for a log in another frame, or '' if no displacement fits."""
     name = course.last.scenario.uavs[uav].name
     swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])
-    for turned in (log, swapped):
+    for candidate in (log, swapped):
         try:
-            shift = fit_shift([turned], course, [uav], is_moved=True)
+            shift = fit_shift([candidate], course, [uav], is_moved=True)
         except LogFileError:
             continue
-        planned, flown = _pair(turned, course, uav, shift.seconds)
-        if shift.rms > _CLOSE_FIT * max(math.hypot(*np.ptp(planned, axis=0)), most):
+        planned, flown = _pair(candidate, course, uav, shift.seconds)
+        if shift.rms > _CLOSE_FIT * max(math.hypot(*np.ptp(planned, axis=0)), tolerance):
             continue
-        if turned is swapped:
+        if candidate is swapped:
             return '; its x and y fit when they are swapped: x is east and y is north'
-        place = np.median(planned - flown, axis=0) + 0.0
-        if np.linalg.norm(place) <= most:
+        offset = np.median(planned - flown, axis=0) + 0.0  # The sum turns -0.0 into 0.0.
+        if np.linalg.norm(offset) <= tolerance:
             return '; give --at fit'
-        return (f'; give --shift {name}={place[0]:.1f},{place[1]:.1f}, with which it flies '
+        return (f'; give --shift {name}={offset[0]:.1f},{offset[1]:.1f}, with which it flies '
                 f'{shift.rms:.2f} m from its plan')
     return ''
 

@@ -20,7 +20,7 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
     """
     Return the logs by UAV of a file with columns time, uav, x, y and perhaps z, vx, vy, power.
 
-    The column uav may be missing where there is one UAV. Positions are in the plan's frame, in m.
+    Positions are in m in the plan's frame. The column uav may be missing if `uavs` has one name.
     """
     tables: dict[str, array[float]] = {}
     with Path(path).open(newline='', encoding='utf-8-sig') as file:
@@ -30,9 +30,9 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
         missing = [name for name in needed if name not in names]
         if missing:
             raise LogFileError(f'it has no column {missing[0]}')
-        read = [name for name in _READ if name in names]
-        take = itemgetter(*map(names.index, read))
-        uav = names.index('uav') if 'uav' in names else None
+        columns = [name for name in _READ if name in names]
+        take = itemgetter(*map(names.index, columns))
+        uav_index = names.index('uav') if 'uav' in names else None
         for row in reader:
             if not row:
                 continue
@@ -43,12 +43,12 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
                 values = [float(field or 'nan') for field in take(row)]
             except ValueError as error:
                 raise LogFileError(f'line {reader.line_num}: {error}') from None
-            name = uavs[0] if uav is None else row[uav].strip()
+            name = uavs[0] if uav_index is None else row[uav_index].strip()
             if name not in tables:
                 tables[name] = array('d')
             tables[name].fromlist(values)
     return {name: _make_log(dict(zip(
-        read, np.frombuffer(table).reshape(-1, len(read)).T, strict=True)))
+        columns, np.frombuffer(table).reshape(-1, len(columns)).T, strict=True)))
         for name, table in tables.items()}
 
 
@@ -68,7 +68,7 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
-    """Return the log in a table of columns; without heights, z is 0 and a note says so."""
+    """Return the log of columns by name; z is NaN if it is missing. Times from _EPOCH are UTC."""
     times = table['time']
     no_heights = np.full_like(times, np.nan)
     positions = np.stack([table['x'], table['y'], table.get('z', no_heights)], axis=-1)
