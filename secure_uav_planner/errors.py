@@ -55,7 +55,10 @@ class PlanningError(Exception):
 
     def add_path(self, *path: str | int, owner: str = '') -> None:
         """
-        Put a path in front of the place, and of the subject until it begins with a field's name.
+        Put a path in front of `place`, and in front of the message until it names a field.
+
+        'is 5' becomes 'vertices[0] is 5' by add_path(0) and add_path('vertices'). A path that is
+        added later changes `place` only.
 
         :param path: path of the value whose part has the error.
         :param owner: name of the object that has the field, put in front of the message.
@@ -70,7 +73,7 @@ class PlanningError(Exception):
 
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Add a path to the error that leaves the with statement, as PlanningError.add_path does."""
+    """Call add_path on a PlanningError that leaves the with statement."""
     try:
         yield
     except PlanningError as error:

@@ -68,10 +68,11 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
          NO_FLY_ZONE, zone['name']) for number, zone in enumerate(mission['no_fly_zones'])]
     if mission['geofence'] is not None:
         areas.insert(0, (('geofence',), ('geofence',), mission['geofence'], GEOFENCE, ''))
-    for owner, place, vertices, color, text in areas:
+    # Path of the area, path of its corners, corners, colour and text.
+    for owner, path, vertices, color, text in areas:
         if circle := find_circle(vertices):
             yield Handle({**_draw_circle(*circle, color), 'opacity': 0.6, 'label': {'text': text}},
-                         place, owner)
+                         path, owner)
             continue
         # Plotly drags an open path by its line only, so that the map inside a fence stays free.
         is_fence = color == GEOFENCE
@@ -79,9 +80,9 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
         yield Handle({'type': 'path', 'path': f'M{outline}{"" if is_fence else "Z"}',
                       'line': {'color': color, 'width': 2}, 'opacity': 0.6,
                       'fillcolor': 'rgba(0,0,0,0)' if is_fence else color,
-                      'label': {'text': text}}, place, owner)
+                      'label': {'text': text}}, path, owner)
         for number, vertex in enumerate(vertices):
-            corner = (*place, number)
+            corner = (*path, number)
             yield Handle(_draw_point(vertex, _DIAMOND, color), corner,
                          corner if len(vertices) > 3 else owner)
 
@@ -95,11 +96,11 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
             ((*owner, 'track', knot), disc, f'{name} {time:g} s')
             for knot, (time, *disc) in enumerate(eve.get('track', ()))] or [
                 (owner, (*eve['position'], eve['error_radius']), name)]
-        for place, (x, y, radius), text in discs:
-            removes = place if len(discs) > 2 else owner
+        for path, (x, y, radius), text in discs:
+            removes = path if len(discs) > 2 else owner  # A track has at least two knots.
             yield Handle({**_draw_circle(x, y, radius, EAVESDROPPER), 'opacity': 0.5},
-                         place, removes)
-            yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), place, removes)
+                         path, removes)
+            yield Handle(_draw_point((x, y), _DIAMOND, EAVESDROPPER, text), path, removes)
     nodes: list[tuple[FieldPath, Any]] = [
         (('ground_nodes', number), node)
         for number, node in enumerate(mission.get('ground_nodes', ()))] or [
@@ -107,12 +108,12 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
     for node_path, node in nodes:
         knots = node.get('track', ()) if isinstance(node, Mapping) else ()
         for knot, (time, *point) in enumerate(knots):
-            place = (*node_path, 'track', knot)
-            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), place, place)
+            path = (*node_path, 'track', knot)
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), path, path)
         if not knots:
-            place, point = ((*node_path, 'position'), node['position']) if isinstance(
+            path, point = ((*node_path, 'position'), node['position']) if isinstance(
                 node, Mapping) else (node_path, node)
-            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), place,
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), path,
                          node_path if len(nodes) > 1 else ())
 
 
@@ -142,10 +143,10 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
             'label': {'text': text, 'textposition': 'bottom center', 'yanchor': 'top'}}
 
 
-def replace_value(mission: Mission, place: FieldPath, change: Callable[[Any], Any]) -> Mission:
-    """Return the mission with a changed value at a place; None removes a member of a list."""
+def replace_value(mission: Mission, path: FieldPath, change: Callable[[Any], Any]) -> Mission:
+    """Return the mission with change(value) at a path; None there removes a member of a list."""
     changed: Any = copy.deepcopy(mission)
-    owner, last = reduce(operator.getitem, place[:-1], changed), place[-1]
+    owner, last = reduce(operator.getitem, path[:-1], changed), path[-1]
     owner[last] = change(owner[last])
     if owner[last] is None and not isinstance(last, str):
         del owner[last]
@@ -160,16 +161,23 @@ def remove_member(mission: Mission, number: int) -> Mission:
 
 def drag(mission: Mission, changes: Mapping[str, Any]) -> Mission:
     """Return the mission after relayoutData such as {'shapes[2].xanchor': 10.0, ...}."""
-    for number, (shape, place, _) in enumerate(list_handles(mission)):
+    for number, (shape, path, _) in enumerate(list_handles(mission)):
         moved = {name.rpartition('.')[2]: value for name, value in changes.items()
                  if name.startswith(f'shapes[{number}].')}
         if moved:
-            mission = replace_value(mission, place, partial(_move, {**shape, **moved}))
+            mission = replace_value(mission, path, partial(_move, {**shape, **moved}))
     return mission
 
 
 def _move(shape: Mapping[str, Any], value: Any) -> Any:
-    """Return the new value after a drag of its shape, to 0.1 m; 0.01 m for a circle's corners."""
+    """
+    Return the value of a Handle after its shape was dragged, rounded to 0.1 m.
+
+    :param shape: the shape after the drag.
+    :param value: the value before the drag: corners [[x, y], ...] of an area, one place [x, y], a
+        knot [time, x, y] or [time, x, y, radius], or an eavesdropper's fields by name.
+    """
+    # An area that is drawn as a circle is moved and scaled; its corners are rounded to 0.01 m.
     if shape['type'] == 'circle' and isinstance(value, list) and isinstance(value[0], list):
         x, y, radius = find_circle(value) or (0.0, 0.0, 1.0)
         east, north, reach = _read_disc(shape, x, y, radius)
@@ -187,13 +195,18 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
     numbers = [round(number, 1) for number in moved]
     if isinstance(value, dict):
         return value | dict(zip(('position', 'error_radius'), (numbers[:2], *numbers[2:])))
-    first = len(value) > 2  # The time of a knot is before its place.
-    return [*value[:first], *numbers, *value[first + len(numbers):]]
+    time = value[:1] if len(value) > 2 else []
+    return [*time, *numbers, *value[len(time) + len(numbers):]]
 
 
 def _read_disc(shape: Mapping[str, Any], x: float, y: float,
                radius: float) -> tuple[float, float, float]:
-    """Return centre and radius of a dragged disc: the centre stays if the size changed."""
+    """
+    Return centre and radius of a dragged disc, whose centre and radius were x, y and radius.
+
+    With its old size, it was moved. Otherwise the centre stays, and the new radius is the distance
+    from the centre to the side that moved most.
+    """
     x0, x1, y0, y1 = (float(shape[name]) for name in ('x0', 'x1', 'y0', 'y1'))
     if all(math.isclose(span, 2 * radius, abs_tol=1e-6) for span in (x1 - x0, y1 - y0)):
         return (x0 + x1) / 2, (y0 + y1) / 2, radius
@@ -202,7 +215,7 @@ def _read_disc(shape: Mapping[str, Any], x: float, y: float,
 
 
 def read_field(mission: Mission, owner: str, field: str) -> Any:
-    """Return a field of an owner, as in _list_owners; of several UAVs, the first one's."""
+    """Return a field of the first of _list_owners; 0 for the null of an _OPTIONAL field."""
     value = next((item[field] for item in _list_owners(mission, owner)), None)
     return 0.0 if value is None and field in _OPTIONAL else value
 

@@ -71,7 +71,7 @@ class MissionText:
         """
         for list_changes in (_list_changes, _list_fields):
             with suppress(MissionFileError, yaml.YAMLError, LookupError, TypeError):
-                changed = _change(text, before, after, list_changes)
+                changed = _rewrite(text, before, after, list_changes)
                 if changed is not None and self._is_text_of(changed, after):
                     return changed
         return format_document(_YAML, after)
@@ -84,9 +84,9 @@ class MissionText:
             return True
 
 
-def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
+def _rewrite(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
     """
-    Return a text with the changes from one mission to another, or None if none is found.
+    Return a text with the changes from one mission to another, or None after _MOST_PASSES.
 
     :param list_changes: _list_changes for the smallest changes, or _list_fields for whole fields,
         if other values of the text refer to the changed ones.
@@ -103,13 +103,13 @@ def _change(text: str, before: Mission, after: Mission, list_changes: Any) -> st
         changes = [*list_changes(read_document(_YAML, text).data, wanted)]
         if not changes:
             return text
-        text = _edit(text, changes, wanted)
+        text = _apply_changes(text, changes, wanted)
     return None
 
 
 def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
         tuple[FieldPath, Any]]:
-    """Yield (path, value) of the smallest changes from plain values to wanted ones."""
+    """Yield (path, new value or _REMOVED) of the smallest changes from `present` to `wanted`."""
     if present == wanted:
         return
     if isinstance(present, dict) and isinstance(wanted, dict):
@@ -121,14 +121,14 @@ def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
             else:
                 yield from _list_changes(present[key], wanted[key], (*path, key))
     elif isinstance(present, list) and isinstance(wanted, list):
-        yield from _list_list_changes(present, wanted, path)
+        yield from _compare_lists(present, wanted, path)
     else:
         yield path, wanted
 
 
-def _list_list_changes(present: list[Any], wanted: list[Any], path: FieldPath) -> Iterator[
+def _compare_lists(present: list[Any], wanted: list[Any], path: FieldPath) -> Iterator[
         tuple[FieldPath, Any]]:
-    """Yield the changes between two lists: inside items, items appended, one removed, or all."""
+    """Yield the changes inside items, of appended items, one removed item, or the whole list."""
     shared = min(len(present), len(wanted))
     first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
     if len(present) == len(wanted) and any(isinstance(item, (dict, list)) for item in wanted):
@@ -162,10 +162,10 @@ def _set_value(data: Any, path: FieldPath, value: Any) -> None:
         owner[last] = copy.deepcopy(value)
 
 
-def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
+def _apply_changes(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
     """Return a text with the changes (path, plain value or _REMOVED)."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
-    edits = {_edit_value(text, root, path, value, wanted) for path, value in changes}
+    edits = {_find_edit(text, root, path, value, wanted) for path, value in changes}
     reached = len(text)
     for start, end, words in sorted(edits, reverse=True):
         if end <= reached:  # Edits inside other edits follow at the next pass.
@@ -173,10 +173,10 @@ def _edit(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
     return text
 
 
-def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: Any) -> tuple[
+def _find_edit(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: Any) -> tuple[
         int, int, str]:
     """
-    Return (start, end, new words) of the part of a text that sets or removes a value.
+    Return (start, end, words): words in place of text[start:end] set or remove a value.
 
     :param root: node of the text's whole document.
     :param wanted: plain values of the whole mission after all changes.
@@ -200,7 +200,7 @@ def _edit_value(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted:
 
 def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tuple[int, int, str]:
     """
-    Return (start, end, new words) by which a node gets the value at a path as its last one.
+    Return the edit (start, end, words) that appends the value at a path to its owner, a node.
 
     :param wanted: plain values of the whole mission after all changes.
     """
@@ -250,7 +250,7 @@ def _find_line_end(text: str, place: int) -> int:
 
 
 def _find_lines(text: str, owner: yaml.Node, key: Any) -> tuple[int, int, str]:
-    """Return the lines of an item of a block as an edit that removes them."""
+    """Return the edit (start, end, '') that removes the lines of an item of a block."""
     if isinstance(owner, yaml.MappingNode):
         node, value = next(item for item in owner.value if item[0].value == key)
     else:

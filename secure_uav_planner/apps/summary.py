@@ -216,11 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """
-    Add one legend above all axes, with notes on what lines and points mean.
-
-    :param chosen: names of the field x and the second, third and fourth field, or None.
-    """
+    """Add one legend above all axes, with notes; `chosen` is the result of _choose_fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen

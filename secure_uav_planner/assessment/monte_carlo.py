@@ -160,13 +160,14 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     if world.positions is not None and len(world.positions) != len(scenario.eavesdroppers):
         raise OptionError(f'positions has {len(world.positions)} places; it must have one for '
                           f'each of the {len(scenario.eavesdroppers)} eavesdroppers')
-    positions = plan.positions[:, 1:-1] if flown is None else _checked(flown, plan, world)
+    positions = plan.positions[:, 1:-1] if flown is None else _checked_flown(flown, plan, world)
     promised = promised_rates(plan)
     step, count = scenario.slot_duration, scenario.slots
+    # Rates of the ground nodes summed over the slots, (G, D), and bits delivered in each draw.
     sums, delivered = np.zeros((len(plan.shares), draws)), np.zeros(draws)
     fan, outages = np.empty((len(FAN), count)), np.empty(count)
     for slot, node_rates in enumerate(
-            _rates(scenario, positions, plan.powers, draws, seed, world)):
+            _simulate_rates(scenario, positions, plan.powers, draws, seed, world)):
         shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
         rates = shared.sum(axis=0)
         is_kept = rates >= promised[slot] - _ROUNDING
@@ -174,6 +175,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         delivered += step * promised[slot] * is_kept
         outages[slot] = np.count_nonzero(~is_kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
+    # The rate of a draw is the least of (mean rate + offset) / weight over the ground nodes.
     least = ((sums / count + scenario.node_offsets[:, None])
              / scenario.node_weights[:, None]).min(axis=0)
     return Assessment(plan, world, draws, seed, read_only(least), read_only(fan),
@@ -211,8 +213,8 @@ def promised_rates(plan: Plan) -> Array:
     return read_only(np.maximum(rates, 0.0))
 
 
-def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
-    """Return flown positions as an array, or raise an OptionError."""
+def _checked_flown(flown: ArrayLike, plan: Plan, world: World) -> Array:
+    """Return flown positions as an array (U, N, 2), or raise an OptionError."""
     if world.tracking_std:
         raise OptionError(f'tracking_std is {world.tracking_std:g} m; with flown positions it '
                           'must be 0', ('tracking_std',))
@@ -222,18 +224,20 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
     return positions
 
 
-def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
-           world: World) -> Iterator[Array]:
+def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
+                    world: World) -> Iterator[Array]:
     """
-    Yield, for each slot, the ground nodes' rates minus their leaks, (G, D) in bit/s/Hz.
+    Yield, for each slot, the rate of each ground node minus its leak, (G, D) in bit/s/Hz.
+
+    The R receivers are the G ground nodes, then the eavesdroppers.
 
     :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
-    :param powers: (U, N) in W.
+    :param powers: powers of the UAVs, (U, N) in W.
     :param draws: number D of draws.
     """
     channel, nodes = scenario.channel, len(scenario.ground_nodes)
     count = nodes + len(scenario.eavesdroppers)
-    # What is drawn in each slot; the receivers are the ground nodes, then the eavesdroppers.
+    # Drawn in each slot: places (E, D, 2), errors (U, D, 2), sights and fading (U, R, D).
     places = draw_places(scenario, world, draws, seed)
     advantages = [*[1.0] * nodes,
                   *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
@@ -253,7 +257,7 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
                 scenario.receivers.ground_nodes.swapaxes(0, 1), strict=True)
     for (uavs, watts, grounds), eves, error, sight, fade in zip(
             slots, places, errors, sights, fading):
-        flown, rates = uavs + error, []
+        flown, rates = uavs + error, []  # Rate of each receiver in each draw, R arrays (D,).
         for number, (place, advantage) in enumerate(
                 zip([*grounds, *eves], advantages, strict=True)):
             squared = ((flown - place)**2).sum(axis=-1)

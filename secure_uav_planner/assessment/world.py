@@ -124,15 +124,14 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
     """
     Yield the places of the eavesdroppers in each slot, (E, D, 2) in m.
 
-    In a draw, an eavesdropper keeps its random numbers in all slots, such as the angle from its
-    track.
+    In a draw, an eavesdropper keeps the random numbers of its offset from its centre in all slots.
     """
     rng, shape = make_stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
     laws: dict[str, Callable[..., Array]] = {'normal': rng.standard_normal, 'fixed': np.zeros}
     numbers = laws.get(world.place, rng.random)(shape)
     centres = scenario.receivers_at(world.speed_factor * scenario.times[1:-1]).centres
     if world.positions is not None:
-        centres = np.broadcast_to(np.array(world.positions)[:, None], centres.shape)
+        centres = np.broadcast_to(np.array(world.positions)[:, None], centres.shape)  # (E, N, 2)
     before = None
     for centre, radii in zip(
             centres.swapaxes(0, 1), scenario.receivers.radii.T, strict=True):
@@ -142,7 +141,13 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
 
 
 def _scale_offsets(world: World, radii: Array, numbers: Array) -> Array:
-    """Return offsets in m of drawn numbers (D, E, 2), for discs with radii (E,) in m."""
+    """
+    Return the offsets of eavesdroppers from the centres of their discs, (D, E, 2) in m.
+
+    For a 'normal' place, numbers are standard normal. Otherwise they are (share, turn) in [0, 1):
+    the distance is uniform by area from inner to outer radius, and the angle is 2 pi turn. For a
+    'fixed' place, numbers and offsets are 0. Numbers are (D, E, 2), and radii (E,) in m.
+    """
     if world.place == 'normal':
         roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
         return np.einsum('eij,dej->dei', roots, numbers)
@@ -158,7 +163,8 @@ def draw_tracking_errors(scenario: Scenario, world: World, draws: int,
     """
     Yield the offsets of the UAVs from their plan in each slot, (U, D, 2) in m, without end.
 
-    They are a stationary Gauss-Markov process: normal in x and in y, correlated over time.
+    The offsets are a stationary Gauss-Markov process, x[n+1] = c x[n] + s sqrt(1 - c^2) w[n], with
+    c = exp(-slot / tracking_time), s = tracking_std and w standard normal, in x and in y.
     """
     rng, shape = make_stream(seed, _TRACKING), (len(scenario.uavs), draws, 2)
     step, decay = scenario.slot_duration, world.tracking_time
@@ -173,10 +179,9 @@ def draw_tracking_errors(scenario: Scenario, world: World, draws: int,
 def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: int,
                 seed: int) -> Iterator[Array]:
     """
-    Yield a uniform number for each link in each slot, (U, G + E, D).
+    Yield a uniform number for each link in each slot, (U, G + E, D); ground nodes come first.
 
-    A link has a line of sight if the number of the link is below the probability. The first
-    receivers are the ground nodes.
+    A link has a line of sight if the number of the link is below the probability.
 
     :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
     :param distance: distance in m that a UAV flies before its links get new numbers; 0 for new
@@ -191,7 +196,7 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
     stretches = np.floor(distances / distance) if distance else np.broadcast_to(
         np.arange(distances.shape[1]) + 1.0, distances.shape)
     changes = np.diff(stretches, axis=1, prepend=0.0) > 0
-    for changed in changes.T:
+    for changed in changes.T:  # Whether each UAV begins a stretch of `distance` in the next slot.
         numbers = numbers.copy()
         numbers[changed] = rng.random((np.count_nonzero(changed), *shape[1:]))
         yield numbers

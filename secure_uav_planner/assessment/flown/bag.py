@@ -146,11 +146,7 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
 
 def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """
-    Return times in s of the log's clock and of the plan, from the reports of one flight.
-
-    :param origin_ns: time 0 of the log's clock; `start_ns` is the time of the plan's point 0.
-    """
+    """Return times [s] of the log's clock from origin_ns, and of the plan from start_ns."""
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
     # While the plan's time stands, only the first and the last report count.

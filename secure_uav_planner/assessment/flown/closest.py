@@ -28,11 +28,7 @@ def find_separation(flight: FlownFlight) -> Closest | None:
 
 
 def find_zone(flight: FlownFlight) -> Closest | None:
-    """
-    Return the smallest distance of a UAV to a zone, negative inside, or None.
-
-    A zone counts while the UAV is between its floor and its ceiling, within the tracking margin.
-    """
+    """Return the smallest distance to a zone at the UAV's height, negative inside, or None."""
     scenario, margin = flight.plan.scenario, flight.plan.scenario.tracking_margin
     return _find_least(flight.times, {
         f'{name} and {zone_name}': np.where(

@@ -95,11 +95,7 @@ class Comparison:
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """
-        Return the rate of an objective over the covered slots [bit/s/Hz], NaN without any.
-
-        It is the least of (mean rate of a node + its offset) / (its weight) over the ground nodes.
-        """
+        """Return min over nodes of (mean rate in covered slots + offset) / weight [bit/s/Hz]."""
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():

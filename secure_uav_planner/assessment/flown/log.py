@@ -174,12 +174,9 @@ def silence() -> Iterator[None]:
 
 def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[bytes]) -> None:
     """
-    Refuse a file without the bytes of its format at an offset.
+    Refuse a file without one of `magics` at an offset: its library would search it byte by byte.
 
-    Without this check, the library of the format searches a wrong file byte by byte.
-
-    :param magics: allowed bytes, all of the same length.
-    :raises LogFileError: for a file with other bytes.
+    :raises LogFileError: for other bytes at the offset; all magics have the same length.
     """
     with open(path, 'rb') as file:
         begin = file.read(offset + max(map(len, magics)))
