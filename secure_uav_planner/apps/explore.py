@@ -92,7 +92,7 @@ class Editor:
 
     def solve(self) -> Future[Plan]:
         """
-        Return the solve of the present mission, in a thread that ends at the next change.
+        Return the future Plan of the present mission; a thread plans it until the next change.
 
         :raises ScenarioError: for what is wrong with the mission.
         """
@@ -283,7 +283,7 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
 def _draw_plans(on_map: Patch, plan: Plan, kept: Plan) -> Patch:
     """Draw a plan on the map, and the kept plan in grey below; return the Patch of the charts."""
     content, behind, charts = PlanTraces(plan), PlanTraces(kept), Patch()
-    on_map['data'] = [*margin_traces(plan.scenario), *content.way_traces(),
+    on_map['data'] = [*margin_traces(plan.scenario), *content.track_traces(),
                       *map(_paint_grey, behind.path_traces()), *content.path_traces()]
     charts['data'] = [trace.update(xaxis=f'x{row}', yaxis=f'y{row}') for trace, row in (
         *((_paint_grey(trace), row) for trace, row in behind.chart_traces()),

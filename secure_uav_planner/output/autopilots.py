@@ -211,7 +211,7 @@ def px4_odometry(message: Any) -> Fields:
     if message.velocity_frame == _VELOCITY_NED:
         velocity = _vector(body.inv().apply(velocity))
     x, y, z, w = (math.sqrt(0.5) * body.as_quat()).tolist()
-    # The product of the rotations from NED to ENU, of the body, and from FLU to FRD.
+    # q(NED to ENU) * q(body: FRD to NED) * q(FLU to FRD), where both outer ones are constant.
     orientation = {'x': x + y, 'y': x - y, 'z': w - z, 'w': w + z}
     return {'pose': {'pose': {'position': _xyz(ned(_vector(message.position))),
                               'orientation': orientation}},

@@ -55,7 +55,7 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """Return (baseline, name) of each baseline with new paths; the name leaves out the power."""
+    """Return (baseline, name without power) of baselines whose paths differ from earlier ones."""
     distinct = []
     for baseline in baselines:
         if not any(np.array_equal(baseline.positions, known.positions) for known, _ in distinct):
@@ -142,7 +142,7 @@ def margin_rings(scenario):
 
 
 def _ring(outer, inner):
-    """Return the area between two outlines as an outline with a seam."""
+    """Return the area between two outlines as one outline (K, 2) that joins them by a seam."""
     ring = shapely.Polygon(outer, [inner]).normalize()
     return np.concatenate([ring.exterior.coords, *(hole.coords for hole in ring.interiors),
                            ring.exterior.coords[:1]])
@@ -179,7 +179,7 @@ def map_extent(scenario, plans=()):
 
 
 def extend_corners(scenario, corners):
-    """Return corners (2, 2) in m extended to zones and fence, at most to three times the size."""
+    """Return corners (2, 2) [m] moved out to zones and fence, at most by the larger side each."""
     low, high = np.array(corners)
     most = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]

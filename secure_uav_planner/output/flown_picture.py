@@ -30,7 +30,7 @@ def draw_comparison(comparison: Any) -> Picture:
     axes = figure.subplot_mosaic(places, **(
         {'width_ratios': (1.0, 1.8)} if height > width else {'height_ratios': (2.5, 1.0, 1.0)}))
     area, errors, rates = (axes[name] for name in ('map', 'errors', 'rates'))
-    _draw_ways(area, comparison, extent)
+    _draw_paths(area, comparison, extent)
     _draw_errors(errors, comparison)
     _draw_rates(rates, comparison)
     for panel in (errors, rates):
@@ -43,8 +43,8 @@ def draw_comparison(comparison: Any) -> Picture:
     return figure
 
 
-def _draw_ways(axes: Any, comparison: Any, extent: Any) -> None:
-    """Draw the planned way thin, the flown way thick, and mark the largest error."""
+def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
+    """Draw the planned paths thin, the flown paths thick, and mark the largest error."""
     flight, plan = comparison.flight, comparison.plan
     set_up_map(axes, extent)
     draw_ground(axes, plan.scenario)

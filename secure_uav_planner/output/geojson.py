@@ -89,18 +89,18 @@ def _find_turn(longitude: float) -> int:
     return math.floor((longitude + 180) / 360)
 
 
-def _make_point(places: Array) -> dict[str, Any]:
-    longitude, latitude = places[0].tolist()
+def _make_point(points: Array) -> dict[str, Any]:
+    longitude, latitude = points[0].tolist()
     return {'type': 'Point', 'coordinates': (longitude - 360 * _find_turn(longitude), latitude)}
 
 
-def _cut_ring(places: Array) -> dict[str, Any]:
-    """Return the geometry of a polygon, counter-clockwise, whose places are (L, 2)."""
-    polygon, parts = shapely.Polygon(places), []
+def _cut_ring(ring: Array) -> dict[str, Any]:
+    """Return the geometry of a polygon with corners (longitude, latitude), (L, 2), cut at 180."""
+    polygon, parts = shapely.Polygon(ring), []
     west, _, east, _ = polygon.bounds
     for turn in range(_find_turn(west), _find_turn(east) + 1):
-        side = shapely.box(360 * turn - 180, -90, 360 * turn + 180, 90)
-        cut = polygon if side.contains(polygon) else polygon.intersection(side)
+        world = shapely.box(360 * turn - 180, -90, 360 * turn + 180, 90)
+        cut = polygon if world.contains(polygon) else polygon.intersection(world)
         parts += [shapely.geometry.polygon.orient(shapely.transform(
             part, lambda corners, shift=360 * turn: corners - (shift, 0)))
             for part in shapely.get_parts(cut) if part.geom_type == 'Polygon']
@@ -108,20 +108,20 @@ def _cut_ring(places: Array) -> dict[str, Any]:
         parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)))
 
 
-def _cut_line(places: Array, values: Mapping[str, Sequence[float] | None]
+def _cut_line(points: Array, values: Mapping[str, Sequence[float] | None]
               ) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     Return the geometry of a line, cut at the meridian of 180 degrees, and values at its points.
 
-    A line that is cut has a list of values for each part. A point on the meridian has the power of
-    the slot before; its other values are interpolated.
+    A line that is cut has a list of values for each part. At a point on the meridian, the power is
+    the one of the slot before, and all other values are interpolated.
 
-    :param places: longitudes and latitudes of the line's points, (K, 2) in degrees.
-    :param values: by name the K values at the points, or None.
+    :param points: longitude and latitude of K points, (K, 2) [degrees]; longitudes may exceed 180.
+    :param values: lists of K values at the points, by name; None stays None.
     """
     names = [name for name, given in values.items() if given is not None]
     # A row for each point: longitude, latitude and the values.
-    rows = np.column_stack([places, *(np.array(values[name], float) for name in names)])
+    rows = np.column_stack([points, *(np.array(values[name], float) for name in names)])
     held = [2 + names.index(name) for name in names if name == 'powers']
     parts, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
     for before, after in zip(rows[:-1], rows[1:]):

@@ -90,10 +90,10 @@ class MapLabels:
         return np.array(extent.size) / self._axes.figure.dpi * 72.0 * self._point
 
     def _list_boxes(self, size, place, direction, gaps):
-        """Yield boxes of a size (2,) in m around a place and within the map, best first."""
+        """Yield boxes of a size (2,) [m] in the map at gaps [points] from a place, best first."""
         for gap, angle in product(gaps, direction + _ANGLES):
-            normal = np.array([np.cos(angle), np.sin(angle)])
-            center = place + normal * (gap * self._point + np.abs(normal) @ size / 2)
+            ray = np.array([np.cos(angle), np.sin(angle)])
+            center = place + ray * (gap * self._point + np.abs(ray) @ size / 2)
             box = shapely.box(*(center - size / 2), *(center + size / 2))
             if self._inside.contains(box):
                 yield box

@@ -224,16 +224,17 @@ def _is_on_map(axes, place):
 
 def _label_times(axes, labels, plan, baseline_paths):
     """
-    Mark round times along the paths; where a UAV hovers, a label gives the interval.
+    Mark round times along the paths, and write the times beside them.
 
-    Labels of hovering are always written. A label of a single time is written only where it covers
-    nothing.
+    Marks within _NEAR_MARKS share a label with their first and last time, which is always written.
+    A label of a single time is written only where it covers nothing.
     """
     times = plan.times
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
-    marks = marks[marks < times[-1] - marks[0] / 3]
+    marks = marks[marks < times[-1] - marks[0] / 3]  # A later mark would be beside the goal.
     intervals = []
     for index, points in enumerate(plan.positions):
+        # Places (M, 2) of the marks, and the places one slot before and after each mark.
         before, places, after = (np.stack([
             np.interp(marks + shift, times, points[:, axis]) for axis in (0, 1)], axis=-1)
             for shift in (-times[1], 0.0, times[1]))
@@ -242,16 +243,17 @@ def _label_times(axes, labels, plan, baseline_paths):
         for first, last in _group_marks(places, _NEAR_MARKS * point_size(axes)):
             middle = (first + last) // 2
             x, y = after[middle] - before[middle]
-            intervals.append((first - last, index, marks[first], marks[last], places[middle],
-                              np.arctan2(x, -y)))
-    for length, index, first, last, place, aside in sorted(  # The longest first.
-            intervals, key=lambda interval: interval[0]):
-        labels.add(f'{first:g}–{last:g} s' if length else f'{first:g} s', place, aside,
-                   baseline_paths, is_needed=length < 0, color=uav_color(index))
+            left = np.arctan2(x, -y)  # Direction to the left of the motion [rad].
+            intervals.append(
+                (last - first, index, marks[first], marks[last], places[middle], left))
+    intervals.sort(key=lambda interval: -interval[0])  # The longest is written first.
+    for length, index, begin, end, place, left in intervals:
+        labels.add(f'{begin:g}–{end:g} s' if length else f'{begin:g} s', place, left,
+                   baseline_paths, is_needed=length > 0, color=uav_color(index))
 
 
 def _group_marks(places, least):
-    """Return (first, last) of each run of places within `least` of the run's first place."""
+    """Return index (first, last) of each run of places within `least` [m] of its first place."""
     groups, first = [], 0
     for last in range(len(places)):
         if last + 1 == len(places) or np.hypot(*(places[last + 1] - places[first])) >= least:

@@ -62,7 +62,7 @@ def lay_out_sheet(figure, parts, title, title_size):
     Place a map and two charts with their legends in a figure, whose width stays.
 
     :param parts: the Part of the map, of the powers and of the rates.
-    :param title: lines of text above them.
+    :param title: lines of text above the parts.
     :param title_size: font size of the title in points.
     """
     width = figure.get_figwidth()
@@ -81,16 +81,16 @@ def lay_out_sheet(figure, parts, title, title_size):
 
 
 def lay_out_map(part):
-    """Place a map with its legend at the right, and give the figure the size of both."""
+    """Place a map of at most _SINGLE_MAP with its legend at the right; fit the figure to both."""
     figure, sides = part.axes.figure, _map_sides(part.axes)
     width, height = sides * (np.array(_SINGLE_MAP) / sides).min()
     for _ in range(2):  # The numbers at the axes change with the size of the axes.
         left, bottom, _ = part.measure_margins()
         legend = part.fit_legend(0.0)
-        top = _EDGE + max(height + bottom, legend[1]) + _EDGE
-        figure.set_size_inches(_EDGE + left + width + 2 * _GAP + legend[0] + _EDGE, top)
-        part.settle((_EDGE + left, top - _EDGE - height, width, height),
-                    (_EDGE + left + width + 2 * _GAP, top - _EDGE - max(
+        total = _EDGE + max(height + bottom, legend[1]) + _EDGE
+        figure.set_size_inches(_EDGE + left + width + 2 * _GAP + legend[0] + _EDGE, total)
+        part.settle((_EDGE + left, total - _EDGE - height, width, height),
+                    (_EDGE + left + width + 2 * _GAP, total - _EDGE - max(
                         0.0, (height - legend[1]) / 2)))
 
 
@@ -98,7 +98,8 @@ def _place_beside(parts, width, sides, top):
     """
     Return a figure's height, and (box, legend's corner) of each part, charts beside the map.
 
-    The legend of the map is below it.
+    The legend of the map is below the map. A box is (x, y, width, height) from the lower left of
+    the figure, and a corner is the upper left one, (x, y).
 
     :param width: width of the figure; all lengths are in inches.
     :param sides: width and height of the map in m.
@@ -109,23 +110,25 @@ def _place_beside(parts, width, sides, top):
     chart_left, chart_bottom, chart_right = _join_margins(charts)
     map_size = _fit_map(sides, _MAP_SHARE * width - left, _MOST_MAP * width)
     legend = map_part.fit_legend(max(left + map_size[0], _LEGEND_SHARE * width))
-    x = _EDGE + max(left + map_size[0] + right, legend[0]) + _PART_GAP + chart_left
-    chart_width = width - x - chart_right - _EDGE
+    chart_x = _EDGE + max(left + map_size[0] + right, legend[0]) + _PART_GAP + chart_left
+    chart_width = width - chart_x - chart_right - _EDGE
     legends = [part.fit_legend(chart_width) for part in charts]
+    # Height of the right column without its two charts, and height of the higher column.
     without_charts = sum(size[1] for size in legends) + 3 * _GAP + chart_bottom
-    block = max(map_size[1] + bottom + _GAP + legend[1], 2 * _LEAST_CHART + without_charts)
-    height = top + block + _EDGE
-    y = height - top - map_size[1]
-    places = [((_EDGE + left, y, *map_size), (_EDGE, y - bottom - _GAP))]
+    content = max(map_size[1] + bottom + _GAP + legend[1], 2 * _LEAST_CHART + without_charts)
+    height = top + content + _EDGE
+    map_y = height - top - map_size[1]
+    places = [((_EDGE + left, map_y, *map_size), (_EDGE, map_y - bottom - _GAP))]
     return height, places + _stack_charts(
-        legends, x, height - top, chart_width, (block - without_charts) / 2)
+        legends, chart_x, height - top, chart_width, (content - without_charts) / 2)
 
 
 def _place_below(parts, width, sides, top):
     """
     Return a figure's height, and (box, legend's corner) of each part, charts below the map.
 
-    The legend of the map is at its right if that leaves the map wide enough, otherwise below it.
+    The legend of the map is at its right if that leaves the map wide enough, otherwise below it. A
+    box is (x, y, width, height) from the lower left of the figure, and a corner the upper left.
 
     :param width: width of the figure; all lengths are in inches.
     :param sides: width and height of the map in m.
@@ -144,19 +147,20 @@ def _place_below(parts, width, sides, top):
     map_room = room - 2 * _GAP - legend[0]
     if map_room >= _LEAST_MAP_SHARE * min(room, most_height * sides[0] / sides[1]):
         map_size = _fit_map(sides, map_room, most_height)
-        block = max(map_size[1] + bottom, legend[1])
+        map_height = max(map_size[1] + bottom, legend[1])
         # The legend's corner: from the left edge, and down from the top of the map.
         corner = left + map_size[0] + 2 * _GAP, max(0.0, (map_size[1] - legend[1]) / 2)
     else:
         legend = map_part.fit_legend(left + room)
         map_size = _fit_map(sides, room, min(
             most_height, _MOST_HEIGHT - top - bottom - charts_height - 2 * _GAP - legend[1]))
-        block = map_size[1] + bottom + _GAP + legend[1]
+        map_height = map_size[1] + bottom + _GAP + legend[1]
         corner = 0.0, map_size[1] + bottom + _GAP
-    y = block + charts_height + _EDGE
-    places = [((_EDGE + left, y - map_size[1], *map_size), (_EDGE + corner[0], y - corner[1]))]
-    return top + y, places + _stack_charts(
-        legends, _EDGE + left, y - block - _PART_GAP, room, chart_height)
+    map_top = map_height + charts_height + _EDGE
+    places = [((_EDGE + left, map_top - map_size[1], *map_size),
+               (_EDGE + corner[0], map_top - corner[1]))]
+    return top + map_top, places + _stack_charts(
+        legends, _EDGE + left, map_top - map_height - _PART_GAP, room, chart_height)
 
 
 def _fit_map(sides, width, height):
@@ -166,7 +170,7 @@ def _fit_map(sides, width, height):
 
 
 def _stack_charts(legends, x, y, width, height):
-    """Return (box, legend's corner) of charts stacked down from (x, y), each below its legend."""
+    """Return (box, legend's corner) of charts stacked down from (x, y), each under its legend."""
     places = []
     for size in legends:
         corner = x, y

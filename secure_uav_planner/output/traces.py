@@ -48,7 +48,7 @@ class PlanTraces:
         plan = self.plan
         yield from margin_traces(plan.scenario)
         yield from _airspace_traces(plan.scenario)
-        yield from self.way_traces()
+        yield from self.track_traces()
         if not plan.scenario.has_tracks:
             yield from self._receiver_traces(0)
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
@@ -56,7 +56,7 @@ class PlanTraces:
                 getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
                 marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
 
-    def way_traces(self):
+    def track_traces(self):
         """Yield the track of each receiver that moves, with _TRACK_MARKS times along it."""
         plan = self.plan
         marks = np.linspace(0, plan.scenario.slots + 1, _TRACK_MARKS).round().astype(int)
@@ -78,7 +78,7 @@ class PlanTraces:
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
     def flown_traces(self, comparison):
-        """Yield (trace, row) of the flown paths and of the guaranteed rates that were achieved."""
+        """Yield (trace, chart row or None for the map) of flown paths and achieved rates."""
         style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
                  'line': {'color': EAVESDROPPER, 'width': 1}}
         for index, path in enumerate(comparison.flight.positions):
@@ -88,7 +88,7 @@ class PlanTraces:
                          line_shape='hv', **style), 2
 
     def baseline_traces(self, baselines):
-        """Yield (trace, row) of the paths and the guaranteed rates of baselines, in grey."""
+        """Yield (trace, chart row or None for the map) of baselines' paths and rates, in grey."""
         drawn = [baseline for baseline, _ in distinct_paths(baselines)]
         for baseline in baselines:
             dash = _PLOTLY_DASHES[scheme_dash(baseline.method)]
@@ -102,7 +102,7 @@ class PlanTraces:
                 line={'color': _GREY, 'width': 1.5, 'dash': dash, 'shape': 'hv'}, **style), 2
 
     def chart_traces(self):
-        """Yield (trace, row) of powers, rates and delivered bits over time."""
+        """Yield (trace, chart row) of powers (1), rates (2) and delivered bits (3) over time."""
         plan, times = self.plan, self.plan.times.tolist()
         for index, uav in enumerate(plan.scenario.uavs):
             # Zero has no logarithm: slots without power are gaps.
@@ -123,7 +123,7 @@ class PlanTraces:
                     'shape': 'hv' if row == 2 else 'linear'}), row
 
     def _receiver_traces(self, point):
-        """Yield the discs and the ground nodes at a point."""
+        """Yield eavesdroppers' discs and ground nodes at a point of the plan, 0 to N + 1."""
         grounds, centres, radii = self.receivers
         angle = np.linspace(0, 2 * np.pi, 73)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -149,7 +149,7 @@ class PlanTraces:
                     'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):
-        """Yield (trace, row) of what moves, at a point: on the map, and dots in the charts."""
+        """Yield (trace, chart row or None for the map) of what moves, at a point of the plan."""
         plan, time = self.plan, float(self.plan.times[point])
         if plan.scenario.has_tracks:
             for trace in self._receiver_traces(point):
