@@ -65,7 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return a channel with the fields that the options change."""
+    """Return a channel with changed fields, which are the options of assess by name."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.
@@ -78,7 +78,7 @@ def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
-    """Print and draw a comparison; return the exit status where a slot broke or is not covered."""
+    """Print and draw a comparison; return FAILED if a slot broke, UNCOVERED in gaps, or None."""
     flight = read_flight(_parse_logs(options.flown), plan, options.at,
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)
@@ -105,7 +105,7 @@ def _save_view(comparison: Comparison, file: Path) -> None:
 
 
 def _parse_logs(words: Sequence[str]) -> Any:
-    """Return the file of all UAVs, or the file of each by name."""
+    """Return the source of read_flight: one file of all UAVs, or a mapping from UAV to file."""
     if len(words) == 1 and '=' not in words[0]:
         return words[0]
     logs: dict[str, str] = {}

@@ -166,10 +166,10 @@ class Campaign(Checked):
                                 f'{MOST_TASKS}')
 
     def _find_unfit(self) -> Iterator[ScenarioError]:
-        """Yield the errors of fields that do not fit the mission or each other."""
-        names = {name: name.split('.') for name in (*self.grid, *self.laws)}
-        tracks = [parts[:2] for parts in names.values() if parts[2:] == ['track']]
-        for name, parts in names.items():
+        """Yield an error for each varied field that is not in the mission or set by a track."""
+        parts_of = {name: name.split('.') for name in (*self.grid, *self.laws)}
+        tracks = [parts[:2] for parts in parts_of.values() if parts[2:] == ['track']]
+        for name, parts in parts_of.items():
             if parts[2:3] in (['position'], ['error_radius']) and any(
                     owner == parts[0] and (number == parts[1] or '*' in (number, parts[1]))
                     for owner, number in tracks):
@@ -215,9 +215,9 @@ class Campaign(Checked):
     @cached_property
     def schemes(self) -> list[tuple[str, str]]:
         """
-        Pairs of a method and an objective by which each mission is planned.
+        Pairs (method, objective) of each mission; `objectives` go to each method that has them.
 
-        Baselines and the user's own planners get the objectives of the methods of solve.
+        Without `objectives`, a method of solve has its default, and others all of these defaults.
         """
         methods = self.methods or METHODS[:1]
         by_method: dict[str, list[str]]
@@ -239,7 +239,7 @@ class Campaign(Checked):
         return math.prod(map(len, self.grid.values())) * self.samples * len(self.schemes)
 
     def tasks(self) -> Iterator[Task]:
-        """Yield a task for each mission and scheme; sample k has equal draws in the whole grid."""
+        """Yield a task for each mission and scheme; sample k draws equally at each grid point."""
         settings: dict[str, Any] = {
             'time_limit': self.time_limit, 'bound_time_limit': self.bound_time_limit}
         # Keys are digests of settings: a field without a value is left out, so that campaigns

@@ -78,10 +78,10 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
     """
     Return the rows of all missions of a campaign; plan the missions without a row.
 
-    A mission is planned again after an infrastructure failure, if its plan was to be kept and is
-    gone, or if its line in a journal is damaged. Numbers of damaged lines are printed. Each
-    finished mission is appended to a journal in the folder at once. If a mission has several
-    results, the last one counts that is no infrastructure failure.
+    Each finished mission is appended to a journal in the folder at once. A mission is planned
+    again after an infrastructure failure, if its plan was to be kept and is gone, or if its line
+    in a journal is damaged; numbers of damaged lines are printed. Of several results of a mission,
+    the last one counts; an infrastructure failure counts only if there is nothing else.
 
     :param tasks: function that returns the tasks, the same ones at each call.
     :param folder: folder of the journals and the kept plans.

@@ -170,7 +170,7 @@ def _note_degrees(scenario: Scenario) -> Iterator[str]:
 
 
 def _describe_budgets(scenario: Scenario) -> Iterator[str]:
-    """Yield, for each max_energy, the shares that hovering and the straight way take."""
+    """Yield, for each max_energy, the shares that hovering and the straight path take."""
     straight = measure_energies(scenario, Problem(scenario).grid.reference_flight)
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:

@@ -220,7 +220,7 @@ def px4_odometry(message: Any) -> Fields:
 
 
 def aerostack2_odometry(pose: Any, twist: Any) -> Fields:
-    """Return the fields of nav_msgs/Odometry for PoseStamped and TwistStamped of the body."""
+    """Return the fields of nav_msgs/Odometry of a PoseStamped and a TwistStamped in body axes."""
     return {'header': {'stamp': pose.header.stamp}, 'pose': {'pose': pose.pose},
             'twist': {'twist': twist.twist}}
 
@@ -327,7 +327,7 @@ def _flu(vector: Vector) -> Vector:
 
 
 def lean(speed: float, acceleration: float, reserve: float = 1.0) -> float:
-    """Return the lean in degrees for an acceleration in m/s^2 and the drag at a speed in m/s."""
+    """Return the lean [degrees], atan(reserve (a + _DRAG v^2) / g), at v [m/s] and a [m/s^2]."""
     return math.degrees(math.atan2(reserve * (acceleration + _DRAG * speed**2), _GRAVITY))
 
 
@@ -343,11 +343,11 @@ class Parameter:
     most: float  # The largest value that the documentation allows.
 
     def least(self, speed: float, acceleration: float) -> float:
-        """Return the least value, with a reserve, for a plan with limits in m/s and m/s^2."""
+        """Return the least value with _RESERVE for a plan's limits of speed and acceleration."""
         return self.factor * self._scale(speed, acceleration, _RESERVE)
 
     def recommended(self, speed: float, acceleration: float) -> float:
-        """Return a round value, at most `most`, with which the vehicle makes up for a delay."""
+        """Return the value by _RECOMMENDED, at most `most`, to make up for a delay."""
         ratio, step = _RECOMMENDED[self.limits]
         value = self._scale(speed, acceleration, ratio)
         return min(self.most, self.factor * step * math.ceil(value / step))

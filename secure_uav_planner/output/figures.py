@@ -14,7 +14,7 @@ from .drawing import add_legend, EAVESDROPPER, RATE, style_axes
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
-_BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
+_BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))  # Low, high in FAN; opacity.
 _PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
 _LEGEND_WIDTH = 14  # Letters in a line of a legend.
 _LEAST_RANGE = 1e-9  # Range of rates [bit/s/Hz] below which the histogram is 1 bit/s/Hz wide.
@@ -69,7 +69,7 @@ def draw_assessment(assessment) -> Picture:
 
 
 def _draw_slots(axes, assessment, promise):
-    """Draw the quantiles of the secrecy rate in each slot, and the promised rate."""
+    """Draw the quantiles FAN of the secrecy rate in each slot, and the promised rate."""
     edges = assessment.plan.times[1:]
     for low, high, alpha, label in _BANDS:
         axes.stairs(assessment.fan[high], edges, baseline=assessment.fan[low], fill=True,

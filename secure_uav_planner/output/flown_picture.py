@@ -21,7 +21,7 @@ def save_comparison(comparison: Any, path: Any) -> None:
 
 @own_settings()
 def draw_comparison(comparison: Any) -> Picture:
-    """Return a matplotlib Figure: both ways, distances from the way, rates planned and flown."""
+    """Return a matplotlib Figure: both paths, cross-track errors, rates planned and flown."""
     plan = comparison.plan
     extent = map_extent(plan.scenario, [plan])
     width, height = extent[1] - extent[0]
@@ -64,7 +64,7 @@ def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
 
 
 def _draw_errors(axes: Any, comparison: Any) -> None:
-    """Draw the distance of each UAV from its way, and the margin."""
+    """Draw the distance of each UAV from its planned path over time, and the margin."""
     flight, plan = comparison.flight, comparison.plan
     for index, (name, errors) in enumerate(zip(comparison.uavs, comparison.errors, strict=True)):
         axes.plot(flight.times, errors, color=uav_color(index), linewidth=1.0, label=name)

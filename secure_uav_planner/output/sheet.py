@@ -30,7 +30,7 @@ class Part(NamedTuple):
     add_legend: Callable[..., None]
 
     def fit_legend(self, room):
-        """Make the legend with as many columns as a width has room for; return its size (2,)."""
+        """Make the legend with the most columns within a width `room`, or 1; return its size."""
         for columns in (4, 3, 2, 1):
             self.add_legend(loc='upper left', borderaxespad=0, borderpad=0, ncols=columns)
             size = self._measure(self.axes.get_legend())

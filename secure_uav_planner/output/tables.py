@@ -168,7 +168,7 @@ def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     """
     scenario, curve = plan.scenario, plan.curve
     times = np.unique([curve.begin, *plan.times, curve.end])
-    ends = (len(times) - len(plan.times)) // 2
+    ends = (len(times) - len(plan.times)) // 2  # 1 if points -1 and N+2 exist, otherwise 0.
     motion = curve.at(times)
     padding = (0, 0), (1 + ends, 1 + ends)
     powers = np.pad(plan.powers, padding)
@@ -176,11 +176,11 @@ def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     shares = np.pad(plan.shares, padding)[:len(plan.shares) if len(plan.shares) > 1 else 0]
     _, centres, radii = scenario.receivers_at(times)
     discs = np.concatenate([centres, radii[..., np.newaxis]], axis=2).swapaxes(0, 1)
-    shared = np.column_stack([rates.T, discs.reshape(len(times), -1), shares.T]).tolist()
+    common = np.column_stack([rates.T, discs.reshape(len(times), -1), shares.T]).tolist()
     return [
         (uav.name, point, time, x, y, uav.altitude, *velocity, power, *values)
         for uav, positions, velocities, watts in zip(
             scenario.uavs, motion.positions.tolist(), motion.velocities.tolist(),
             powers.tolist(), strict=True)
         for point, (time, (x, y), velocity, power, values) in enumerate(
-            zip(times.tolist(), positions, velocities, watts, shared, strict=True), -ends)]
+            zip(times.tolist(), positions, velocities, watts, common, strict=True), -ends)]

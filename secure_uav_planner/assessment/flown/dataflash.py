@@ -19,7 +19,7 @@ _GUIDED = 4  # Mode number of a Copter.
 
 
 def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log of a vehicle, of the estimator's core 0; NED becomes east, north, up."""
+    """Return the log of a vehicle by its estimator, as east, north and up."""
     from pymavlink.DFReader import DFReader_binary  # Here, since few need it.
 
     class Reader(DFReader_binary):  # type: ignore[misc]
@@ -41,7 +41,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _read_table(reader: Any) -> dict[str, Array]:
-    """Return the messages of each type that is used: rows of the time [s] and its columns."""
+    """Return a table for each message type: in a row, the time [s] and the columns of its type."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
@@ -62,22 +62,22 @@ def _read(reader: Any) -> VehicleLog:
         raise LogFileError('it has no positions of an estimator (XKF1 or NKF1)')
     # Column C numbers the estimator's cores; the first message's core is used.
     estimate = estimate[estimate[:, 1] == estimate[0, 1]]
-    up = np.array([1.0, 1.0, -1.0])
+    down_to_up = np.array([1.0, 1.0, -1.0])
     battery = table.get('BAT')
     if battery is not None:
         battery = battery[battery[:, 2] == 0]
-    targets = None
+    setpoints = None
     if 'PSCN' in table and 'PSCE' in table:
         north, east = table['PSCN'], table['PSCE']
-        targets = north[:, 0], np.stack(
+        setpoints = north[:, 0], np.stack(
             [np.interp(north[:, 0], *east.T), north[:, 1]], axis=-1)
     modes = table.get('MODE')
     if modes is not None:  # A mode lasts until the next one, the last one until the log ends.
         modes = np.append(modes, [[estimate[-1, 0], modes[-1, 1]]], axis=0)
     return VehicleLog(
-        estimate[:, 0], estimate[:, 2:5] * up, estimate[:, 5:7], _find_utc_offset(table),
+        estimate[:, 0], estimate[:, 2:5] * down_to_up, estimate[:, 5:7], _find_utc_offset(table),
         _find_reference(table), battery=None if battery is None or not len(battery) else (
-            battery[:, 0], battery[:, 1] * _WH), setpoints=targets,
+            battery[:, 0], battery[:, 1] * _WH), setpoints=setpoints,
         notes=() if modes is None else describe_mode(
             'GUIDED', modes[:, 0], modes[:, 1] == _GUIDED))
 

@@ -13,9 +13,9 @@ _TYPES = ('LOCAL_POSITION_NED', 'GPS_GLOBAL_ORIGIN', 'SYSTEM_TIME')
 def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     """Return the log of the only vehicle in a file, on the clock since its boot."""
     from pymavlink import mavutil  # Here, since few need it.
-    check_magic(path, 8, [b'\xfd', b'\xfe'])  # Of MAVLink 2 and 1, after a time stamp.
+    check_magic(path, 8, [b'\xfd', b'\xfe'])  # MAVLink 2 and 1, after a time stamp.
     connection = mavutil.mavlogfile(os.fspath(path))
-    states, offsets, reference = list[tuple[float, ...]](), list[float](), None
+    states, utc_offsets, reference = list[tuple[float, ...]](), list[float](), None
     vehicles = set[int]()
     while (message := connection.recv_match(type=list(_TYPES))) is not None:
         kind = message.get_type()
@@ -26,11 +26,11 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
         elif kind == 'GPS_GLOBAL_ORIGIN':
             reference = message.latitude * 1e-7, message.longitude * 1e-7
         elif message.time_unix_usec:
-            offsets.append(message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
+            utc_offsets.append(message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
     if not states:
         raise LogFileError('it has no message LOCAL_POSITION_NED')
     if len(vehicles) > 1:
         raise LogFileError(f'it has the vehicles {sorted(vehicles)}; it must have one')
     table = np.array(states)
     return VehicleLog(table[:, 0], table[:, 1:4], table[:, 4:6],
-                      float(np.median(offsets)) if offsets else None, reference)
+                      float(np.median(utc_offsets)) if utc_offsets else None, reference)

@@ -17,7 +17,7 @@ _US = 1e-6
 
 
 def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log of a vehicle; NED becomes east, north, up."""
+    """Return the log of a vehicle; positions and velocities become east, north and up."""
     from pyulog import ULog  # Here, since few need it.
     topics: dict[str, Any] = {}
     for dataset in ULog(os.fspath(path), _TOPICS, disable_str_exceptions=True).data_list:
@@ -54,18 +54,18 @@ def _to_enu(data: Any, *names: str) -> Array:
 
 
 def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, float] | None]:
-    """Return positions in the first frame with a reference, and that reference."""
+    """Return positions (K, 3) [m] in the first frame with a valid reference, and the reference."""
     if 'ref_lat' not in local:
         return positions, None
-    places = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
-    valid = np.isfinite(places).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
+    references = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
+    valid = np.isfinite(references).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
     if not valid.any():
         return positions, None
-    latitude, longitude = places[valid][0].tolist()
-    for place in np.unique(places[valid], axis=0):
-        same = valid & (places == place).all(axis=1)
+    latitude, longitude = references[valid][0].tolist()
+    for reference in np.unique(references[valid], axis=0):
+        same = valid & (references == reference).all(axis=1)
         try:
-            east, north = Origin(latitude, longitude).to_local(*place)
+            east, north = Origin(latitude, longitude).to_local(*reference)
         except OptionError as error:
             raise LogFileError(f'ref_lat, ref_lon: {error}') from None
         positions[same, :2] += [float(east), float(north)]
@@ -80,7 +80,7 @@ def _find_jumps(local: Any, times: Array) -> tuple[float, ...]:
 
 
 def _find_utc_offset(topics: dict[str, Any]) -> float | None:
-    """Return UTC less the log's clock in s, the median by a GPS receiver, or None without one."""
+    """Return the median of UTC minus the log's clock [s] by a GPS receiver, or None without it."""
     for name in ('vehicle_gps_position', 'sensor_gps'):
         data = topics.get(name, {})
         utc = np.asarray(data.get('time_utc_usec', ()), float)
@@ -91,7 +91,7 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
-    """Return times [s] and the energy [J] used since the first, or None without data."""
+    """Return times [s] and the integral of voltage * current from the first one [J], or None."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
