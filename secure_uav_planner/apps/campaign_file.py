@@ -170,15 +170,15 @@ class Campaign(Checked):
         parts_of = {name: name.split('.') for name in (*self.grid, *self.laws)}
         tracks = [parts[:2] for parts in parts_of.values() if parts[2:] == ['track']]
         for name, parts in parts_of.items():
-            if parts[2:3] in (['position'], ['error_radius']) and any(
+            is_disc = parts[2:3] in (['position'], ['error_radius'])
+            if is_disc and any(
                     owner == parts[0] and (number == parts[1] or '*' in (number, parts[1]))
                     for owner, number in tracks):
                 yield ScenarioError(f'{name} is decided by a track that varies; vary its knots',
                                     ('vary', name))
             elif not any(_resolve_field(self._base, name)):
-                has_track = parts[2:3] in (['position'], ['error_radius']) and any(
-                    item['track'] for item, _ in _resolve_field(
-                        self._base, '.'.join((*parts[:2], 'track'))))
+                has_track = is_disc and any(item['track'] for item, _ in _resolve_field(
+                    self._base, '.'.join((*parts[:2], 'track'))))
                 advice = ('vary the knots of the track instead, which decides it' if has_track else
                           'name it as duration, uavs.0.max_speed or eavesdroppers.*.error_radius')
                 yield ScenarioError(f'the mission has no field {quote(name)}; {advice}',

@@ -84,7 +84,7 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
         for number, vertex in enumerate(vertices):
             corner = (*path, number)
             yield Handle(_draw_point(vertex, _DIAMOND, color), corner,
-                         corner if len(vertices) > 3 else owner)
+                         corner if len(vertices) > 3 else owner)  # Three corners are needed.
 
 
 def _list_receivers(mission: Mission) -> Iterator[Handle]:

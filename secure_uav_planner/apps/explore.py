@@ -82,7 +82,7 @@ class Editor:
             if text is None:
                 text = self.source.change(self.text, self.mission, mission)
             self._history = [*self._history[:self._present + 1], (mission, text)][-_MOST_STEPS:]
-            self.step(_MOST_STEPS)
+            self.step(_MOST_STEPS)  # The newest mission is the last one of the history.
 
     def step(self, steps: int) -> None:
         """Redo a number of edits, or undo them if it is negative; stop at the history's ends."""
@@ -218,13 +218,13 @@ def make_app(source: MissionText, port: int) -> Dash:
 
 def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: int) -> Any:
     """
-    Edit the mission as the page says.
+    Edit the mission by one change of the page, and return the outputs of the callback `edit`.
 
-    :param trigger: id of the component of the page that was changed.
+    :param trigger: id of the changed component: 'map', 'removed', 'yaml', {'field': label} of
+        FIELDS, or {'do': name} of a button.
     :param value: new value of this component.
-    :param values: values of all fields on the page.
+    :param values: values of all FIELDS on the page, in their order.
     :param version: version that the page shows.
-    :return: the outputs of the callback `edit`.
     """
     mission = editor.mission
     try:

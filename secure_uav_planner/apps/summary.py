@@ -161,12 +161,11 @@ def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
     for (method, second), chosen in group.groupby(['method', 'second'], sort=False):
         color, dash, label = _style_line(frame, method, second)
         by_x = chosen.groupby('x').rate
-        quantiles = by_x.quantile(_QUANTILES).unstack()  # A row for each x, a column for each.
-        axes.plot(quantiles.index, quantiles[0.5], dash, color=color, linewidth=1.8, label=label)
+        rates = by_x.quantile(_QUANTILES).unstack()  # A row for each x, a column for each share.
+        axes.plot(rates.index, rates[0.5], dash, color=color, linewidth=1.8, label=label)
         for share in (_QUANTILES[0], _QUANTILES[-1]):
-            axes.plot(quantiles.index, quantiles[share], dash, color=color, linewidth=0.6,
-                      alpha=0.7)
-        _draw_points(axes, quantiles[0.5], by_x.count(), by_x.size(), color)
+            axes.plot(rates.index, rates[share], dash, color=color, linewidth=0.6, alpha=0.7)
+        _draw_points(axes, rates[0.5], by_x.count(), by_x.size(), color)
 
 
 def _style_line(frame: Any, method: str, second: str) -> tuple[str, Any, str]:
@@ -195,12 +194,10 @@ def _style_line(frame: Any, method: str, second: str) -> tuple[str, Any, str]:
 
 def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) -> None:
     """
-    Draw a point at the median rate of each x, by the number of its missions that were flown.
+    Draw a point at the median rate of each x; `flown` and `asked` are numbers of missions by x.
 
-    If some missions were not flown, the point is hollow and labelled with the number of flown
-    ones. If none was flown, a cross is drawn at 2% of the height of the axes.
-
-    :param medians: median rates by x; `flown` and `asked` are numbers of missions by x.
+    A point is hollow, with the number of flown missions, if some missions could not be flown. If
+    none could be flown, a cross is drawn at 2% of the height of the axes.
     """
     for x, median in medians.items():
         style = {'color': color, 'markersize': 5, 'clip_on': False, 'markerfacecolor': (

@@ -168,6 +168,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     fan, outages = np.empty((len(FAN), count)), np.empty(count)
     for slot, node_rates in enumerate(
             _simulate_rates(scenario, positions, plan.powers, draws, seed, world)):
+        # Rates of the ground nodes times their shares of the slot, (G, D), and their sum.
         shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
         rates = shared.sum(axis=0)
         is_kept = rates >= promised[slot] - _ROUNDING
@@ -263,6 +264,7 @@ def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: 
             squared = ((flown - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
+            # Received powers relative to the noise, (U, D), the transmitter first.
             rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))
         leak = (combine_leaks(np.stack(rates[nodes:], axis=-1)) if scenario.colluding else
                 np.max(rates[nodes:], axis=0))

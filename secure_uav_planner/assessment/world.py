@@ -132,11 +132,11 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
     centres = scenario.receivers_at(world.speed_factor * scenario.times[1:-1]).centres
     if world.positions is not None:
         centres = np.broadcast_to(np.array(world.positions)[:, None], centres.shape)  # (E, N, 2)
-    before = None
+    last_radii = None
     for centre, radii in zip(
             centres.swapaxes(0, 1), scenario.receivers.radii.T, strict=True):
-        if before is None or not np.array_equal(radii, before):
-            offsets, before = _scale_offsets(world, radii, numbers), radii
+        if last_radii is None or not np.array_equal(radii, last_radii):
+            offsets, last_radii = _scale_offsets(world, radii, numbers), radii
         yield np.moveaxis(centre + offsets, 1, 0)
 
 

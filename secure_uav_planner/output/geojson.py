@@ -120,7 +120,7 @@ def _cut_line(points: Array, values: Mapping[str, Sequence[float] | None]
     :param values: lists of K values at the points, by name; None stays None.
     """
     names = [name for name, given in values.items() if given is not None]
-    # A row for each point: longitude, latitude and the values.
+    # A row has longitude, latitude and values; part k is within 180 degrees of 360 * turns[k].
     rows = np.column_stack([points, *(np.array(values[name], float) for name in names)])
     held = [2 + names.index(name) for name in names if name == 'powers']
     parts, turns = [[rows[0]]], [_find_turn(rows[0, 0])]

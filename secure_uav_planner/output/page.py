@@ -81,25 +81,25 @@ def save_page(plan, path, baselines=(), comparison=None):
 
 
 def draw_page(plan, baselines=(), comparison=None):
-    """Return the plotly Figure of a plan, with a frame for each point, at most _MOST_FRAMES."""
+    """Return the plotly Figure of a plan: map left, charts right, up to _MOST_FRAMES points."""
     content = PlanTraces(plan)
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns')
-    sample = go.Scatter(
+    legend_entry = go.Scatter(
         x=[None], y=[None], mode='markers', name='UAV, larger with more power',
         marker={'size': 15, 'color': GEOFENCE, 'line': {'color': 'white', 'width': 1.5}})
     on_map = [*content.map_traces(), *content.path_traces()]
     static = [*content.baseline_traces(baselines), *((trace, None) for trace in on_map),
-              *content.chart_traces(), (sample, None)]
+              *content.chart_traces(), (legend_entry, None)]
     if comparison is not None:
         static += content.flown_traces(comparison)
     for trace, row in (*static, *content.moving_traces(0)):
         figure.add_trace(trace, row or 1, 2 if row else 1)
-    numbers = list(range(len(static), len(figure.data)))
+    moving = list(range(len(static), len(figure.data)))  # Indices of the traces of a frame.
     last = plan.scenario.slots + 1
     points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [
-        go.Frame(name=str(point), traces=numbers,
+        go.Frame(name=str(point), traces=moving,
                  data=[trace for trace, _ in content.moving_traces(point)]) for point in points]
     east, north = map_extent(plan.scenario, [plan, *baselines]).T.tolist()
     figure.update_xaxes(title_text='east (m)', range=east, constrain='domain', row=1, col=1)
