@@ -31,8 +31,8 @@ class PlanTraces:
         scenario = plan.scenario
         self.peak = max(uav.peak_power for uav in scenario.uavs)
         step = scenario.slot_duration
-        # Arrays are over the points 0 to N+1. Power n holds from point n to point n + 1, so nothing
-        # is delivered before point 1.
+        # Arrays are over the points 0 to N+1. Power n holds from point n to point n + 1, so that
+        # nothing is delivered before point 1.
         self.delivered, self.worst_delivered = (
             step * np.cumsum(np.pad(rates, (2, 0)))
             for rates in (plan.guaranteed_rates, plan.worst_case_rates))
