@@ -65,7 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return a channel with changed fields, which are the options of assess by name."""
+    """Return a channel with `changes`, the options of `assess` that are fields of Channel."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.

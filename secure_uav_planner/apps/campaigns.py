@@ -217,7 +217,7 @@ def _is_lost(row: Row) -> bool:
 
 
 def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
-    """Return a row of the journal, or None if the task's mission must be planned (again)."""
+    """Return a row, or None if it is missing or lost, or if its plan is to be kept and is gone."""
     if row is None or _is_lost(row):
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(

@@ -142,14 +142,14 @@ def draw_powers(axes, plan, has_energies=True, **legend):
     axes.set_yscale('asinh', linear_width=LINEAR_SHARE * peak)
     axes.set_ylim(0, 2.5 * peak)  # Room above the peak is for the peak's label.
     exponents = np.arange(*np.floor(np.log10([10 * LINEAR_SHARE * peak, 10 * peak])))
-    ticks = [0.0, *(10.0 ** exponents)]
+    ticks = [0.0, *(10.0 ** exponents)]  # 0 W, and powers of ten in the logarithmic range.
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
     axes.minorticks_off()
     _finish_time_axes(axes, plan, 'power (W)', legend)
 
 
 def draw_rates(axes, plan, baselines=(), **legend):
-    """Draw the guaranteed and the worst-case secrecy rate of each slot; see add_legend."""
+    """Draw the guaranteed and worst-case secrecy rate of each slot; `legend` is for add_legend."""
     edges = plan.times[1:]
     guaranteed, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), LEGEND_WIDTH))
                          for name in OBJECTIVES)

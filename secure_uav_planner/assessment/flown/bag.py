@@ -161,7 +161,8 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
     Return the flight of UAVs in a bag by their odometry, such as `<uav>/odom` in any namespace.
 
     Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, if the bag has them.
-    Messages without a header get its time by interpolation, since headers may be simulated time.
+    The clock of a log is the one in the headers of its odometry, which may be simulated. Messages
+    without a header get a time of this clock by interpolation over times of arrival.
     """
     messages = _read_messages(path, uavs)
     flying = [uav for uav in uavs if messages.states[uav]]
@@ -243,8 +244,7 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
     """
     Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
 
-    Of several odometry topics, one with the UAV's name is preferred, then one that ends in
-    `<uav>/odom`, then the shortest.
+    Of several odometry topics, one with the UAV's name, ending in `<uav>/odom`, is preferred.
     """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: topic.strip('/').split('/') for topic in kinds}

@@ -63,11 +63,11 @@ class VehicleLog:
         """Drop samples without a position or out of order; add the jumps of the positions."""
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
         valid = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
-        latest = np.maximum.accumulate(times[valid])
-        back = int(np.argmax(latest - times[valid])) if len(latest) else 0
-        if len(latest) and latest[back] - times[valid][back] > _BACKWARDS_S:
-            raise LogFileError(f'its time runs back from {latest[back]:.1f} s to '
-                               f'{times[valid][back]:.1f} s')
+        latest = np.maximum.accumulate(times[valid])  # Latest time up to each sample.
+        worst = int(np.argmax(latest - times[valid])) if len(latest) else 0
+        if len(latest) and latest[worst] - times[valid][worst] > _BACKWARDS_S:
+            raise LogFileError(f'its time runs back from {latest[worst]:.1f} s to '
+                               f'{times[valid][worst]:.1f} s')
         valid[valid] = np.append(True, np.diff(latest) > 0)[:len(latest)]
         if np.count_nonzero(valid) < 2:
             raise LogFileError(f'it has {np.count_nonzero(valid)} valid positions; it must have 2')
@@ -119,9 +119,9 @@ class VehicleLog:
         jumps = jumps[(jumps >= 0) & (jumps < len(steps))]
         is_whole[jumps[steps[jumps] > _SHORT_S]] = False
         index = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(steps) - 1)
-        apart = np.abs(times - self.times[[index, index + 1]]).min(axis=0)
+        distance = np.abs(times - self.times[[index, index + 1]]).min(axis=0)  # [s]
         is_inside = (times >= self.times[0]) & (times <= self.times[-1]) & is_whole[index]
-        return np.asarray(is_inside | (apart < _SAME_S))
+        return np.asarray(is_inside | (distance < _SAME_S))
 
 
 def _interpolate(times: Array, samples: Array, values: Array) -> Array:
