@@ -67,6 +67,21 @@ def test_fly_hover_fly_has_the_line_that_it_has_in_all_views():
             lines['fly-hover-fly, optimised power']) == ('-', '--', ':')
 
 
+def test_methods_of_solve_and_promises_have_dashes_of_their_own_and_names_in_words():
+    rows = [{**row, 'method': method, 'promise': promise,
+             'fields': {'colluding': row['fields']['colluding'], **row['fields']}}
+            for row in rows_of_campaign(colluding=[False, True])
+            for method in ('joint', 'alternating', 'fly_hover_fly_constant')
+            for promise in ('guaranteed', 'at mean gains')]
+    [axes] = draw_figure(rows).axes
+    assert axes.get_xlabel() == 'duration (s)'  # Truth values are no axis.
+    dashes = {line.get_label(): line._unscaled_dash_pattern for line in axes.lines
+              if not line.get_label().startswith('_')}
+    assert {'true, joint, at mean gains', 'true, fly-hover-fly, constant power, guaranteed',
+            'false, alternating, at mean gains'} <= dashes.keys()
+    assert len({str(dash) for dash in dashes.values()}) > 3
+
+
 def test_a_third_and_a_fourth_field_are_small_multiples():
     figure = draw_figure(rows_of_campaign(
         second=[1, 2], third=['a', 'b', 'c'], fourth=[0, 7], fifth=[1, 2]))

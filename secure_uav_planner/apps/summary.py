@@ -162,9 +162,11 @@ def _draw_rates(axes: Any, frame: Any, group: Any) -> None:
         color, dash, label = _style_line(frame, method, second)
         by_x = chosen.groupby('x').rate
         rates = by_x.quantile(_QUANTILES).unstack()  # A row for each x, a column for each share.
-        axes.plot(rates.index, rates[0.5], dash, color=color, linewidth=1.8, label=label)
+        axes.plot(rates.index, rates[0.5], linestyle=dash, color=color, linewidth=1.8,
+                  label=label)
         for share in (_QUANTILES[0], _QUANTILES[-1]):
-            axes.plot(rates.index, rates[share], dash, color=color, linewidth=0.6, alpha=0.7)
+            axes.plot(rates.index, rates[share], linestyle=dash, color=color, linewidth=0.6,
+                      alpha=0.7)
         _draw_points(axes, rates[0.5], by_x.count(), by_x.size(), color)
 
 
@@ -178,17 +180,18 @@ def _style_line(frame: Any, method: str, second: str) -> tuple[str, Any, str]:
     from ..output.drawing import scheme_dash, scheme_name, uav_color
     methods = frame.method.unique().tolist()
     # The frame may add ', ' and the promise to the name of a method.
+    scheme, *promise = method.split(', ', maxsplit=1)
     solvers = [name for name in methods if name.partition(', ')[0] not in BASELINES]
     is_baseline = method not in solvers
     if second:
         color = uav_color(frame.second.unique().tolist().index(second))
     else:
         color = _GREY if is_baseline else uav_color(solvers.index(method))
-    dash = scheme_dash(method.partition(', ')[0]) if is_baseline else (
+    dash = scheme_dash(scheme) if is_baseline else (
         _DASHES[solvers.index(method) % len(_DASHES)])
     words = [second] if second else []
     if len(methods) > 1 or not second:
-        words.append(scheme_name(method))
+        words += scheme_name(scheme), *promise
     return color, dash, ', '.join(words)
 
 
@@ -275,7 +278,8 @@ def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
     Return the names of the field x and the second, third and fourth field, each None if missing.
 
     x is the first varying field whose values are all numbers, with at most max(2, R // 2) values
-    in R rows. Each later field varies and has at most min(_MOST_LINES, R // 2) values.
+    in R rows; truth values are no numbers. Each later field varies and has at most
+    min(_MOST_LINES, R // 2) values.
     """
     samples = len({row['sample'] for row in rows})
     counts = {}
@@ -285,7 +289,7 @@ def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
         if len({*zip((row['sample'] for row in rows), values)}) > samples:
             counts[name] = len({*values})
     first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
-                  and all(isinstance(row['fields'][name], (int, float)) for row in rows)), None)
+                  and all(type(row['fields'][name]) in (int, float) for row in rows)), None)
     later = [name for name, count in counts.items() if name != first and first is not None
              and count <= min(_MOST_LINES, len(rows) // 2)]
     return [first, *later[:3], *[None] * (3 - len(later))]
