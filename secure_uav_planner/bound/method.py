@@ -255,19 +255,18 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     coarse = MultiplierSearch(coarse_team, positions, powers, best.reserve_time(1.0))
     with best.proving(coarse):
         _anneal(coarse, COARSE)
-    leading = None
+    leading = coarse  # Until the first search on fine groups.
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(fine_team, positions, powers, best.reserve_time(ratio))
         fine.begin_from(coarse)
         before = best.rate
         _prove_on_fine_groups(best, fine, quadratic)
-        if leading is None or best.rate < before:
+        if leading is coarse or best.rate < before:
             leading = fine
         if not best.has_gap(rate, LARGE_GAP):
             break
         ratio = 1.0
-    assert leading is not None
     _prove_with_cells(best, leading, rate)
     return best.status
 

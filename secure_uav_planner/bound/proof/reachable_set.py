@@ -381,14 +381,14 @@ class Team:
 
     :param groups: groups of the mission's slots.
     :param regions: reachable sets of the transmitter, and of the jammer if there is one.
-    :param listeners: indices of the places of each listener. Only the worst place of a listener
-        counts. All discs together are one listener; of colluding eavesdroppers every disc is one.
-        See certificate.entropy.
+    :param adversaries: for each adversary the indices of its places. An adversary is a group of
+        eavesdroppers' places of which only the worst counts: one disc with colluding
+        eavesdroppers, otherwise all discs together. See certificate.entropy.
     """
 
     groups: SlotGroups
     regions: tuple[ReachableSet, ...]
-    listeners: tuple[NDArray[np.intp], ...]
+    adversaries: tuple[NDArray[np.intp], ...]
 
     @classmethod
     def of(cls, scenario: Scenario, subset: EavesdropperSubset,
@@ -408,9 +408,9 @@ class Team:
         return cls(groups, regions, tuple(
             np.flatnonzero(owners == owner) for owner in np.unique(owners)))
 
-    def sum_listeners(self, v: Array) -> list[Array]:
-        """Return the sum of v (..., E) over every listener, (...) each."""
-        return [v[..., places].sum(-1) for places in self.listeners]
+    def sum_adversaries(self, v: Array) -> list[Array]:
+        """Return for each adversary the sum of v (..., E) over its places, (...)."""
+        return [v[..., places].sum(-1) for places in self.adversaries]
 
     @property
     def accelerates(self) -> bool:

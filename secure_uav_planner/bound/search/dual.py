@@ -256,17 +256,17 @@ class Dual:
         """
         best, _ = maximise_power(self.weight - v.sum(-1), price, self.team.regions[0].peak)
         return np.asarray(
-            best - entropy(*self.team.sum_listeners(v)) + entropy(self.weight))
+            best - entropy(*self.team.sum_adversaries(v)) + entropy(self.weight))
 
     def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
                                hessian: Array) -> None:
         """
         Add the derivatives of _find_sending to a gradient (G, F) and a Hessian (G, F, F).
 
-        With the best power p, and t the sum of v of a place's listener, they are
+        With the best power p, and t the sum of v of a place's adversary, they are
 
             by v      log t - log(1 - s) - log p;  by lam  -p,
-            by v, v   1 / (1 - s), and 1 / t for places of one listener,
+            by v, v   1 / (1 - s), and 1 / t for places of one adversary,
 
         and where p = (w0 - s) / lam is below the peak also 1 / (w0 - s) by v and v, 1 / lam by v
         and lam, and (w0 - s) / lam^2 by lam and lam.
@@ -280,7 +280,7 @@ class Dual:
         gradient[:, own] = -np.log(power * rest)[:, None]
         gradient[:, at_price] = -power
         hessian[:, own, own] = (1 / rest + is_inner / slack)[:, None, None]
-        for places, total in zip(self.team.listeners, self.team.sum_listeners(v)):
+        for places, total in zip(self.team.adversaries, self.team.sum_adversaries(v)):
             at = own.start + places
             gradient[:, at] += np.log(total)[:, None]
             hessian[:, at[:, None], at] += (1 / total)[:, None, None]

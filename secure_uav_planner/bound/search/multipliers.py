@@ -41,7 +41,7 @@ LEAST_SHARE = 0.02
 """Number added to the share of every eavesdropper's place in the first v."""
 
 SHARPNESS = 8.0
-"""Exponent of the SINR in the shares of one listener's places in the first v."""
+"""Exponent of the SINR in the shares of one adversary's places in the first v."""
 
 WORTHLESS = 1e6
 """Size of the value [nats] of a column outside its cell."""
@@ -305,8 +305,8 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
     w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
-    The sum is divided among places by their SINR: between listeners in proportion, among the
-    places of one listener by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
+    The sum is divided among places by their SINR: between adversaries in proportion, among the
+    places of one adversary by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
     of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
@@ -321,8 +321,8 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     z0, ze = (np.log(np.maximum(compute_sinr(np.array(received)), 1e-9))
               for received in (ground, leaks))
     weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-    # The largest log SINR of each listener, (G, number of listeners).
-    largest = np.stack([ze[:, index].max(-1) for index in team.listeners], -1)
+    # The largest log SINR of each adversary, (G, number of adversaries).
+    largest = np.stack([ze[:, index].max(-1) for index in team.adversaries], -1)
     leak = sigmoid(np.logaddexp.reduce(largest, -1))
     prices = np.array([FIRST_PRICE, JAMMER_PRICE])[:len(watts)]
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
@@ -337,13 +337,13 @@ def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     Return a weight of each place, (G, E), larger for louder places and at least LEAST_SHARE.
 
     :param ze: log SINR at the places, (G, E).
-    :param largest: largest log SINR of each listener, (G, number of listeners).
+    :param largest: largest log SINR of each adversary, (G, number of adversaries).
     """
     share = np.empty_like(ze)
-    for index, loudest in zip(team.listeners, largest.T):
-        in_listener = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
-        of_listener = np.exp(loudest - largest.max(-1))[:, None]
-        share[:, index] = in_listener / in_listener.sum(-1, keepdims=True) * of_listener
+    for index, loudest in zip(team.adversaries, largest.T):
+        in_adversary = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
+        of_adversary = np.exp(loudest - largest.max(-1))[:, None]
+        share[:, index] = in_adversary / in_adversary.sum(-1, keepdims=True) * of_adversary
     return share / share.sum(-1, keepdims=True) + LEAST_SHARE
 
 

@@ -41,10 +41,10 @@ class SlotBounds:
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
         self._team, self._price, self._raise_if_over = team, price, raise_if_over
         self._columns = [_arrange(*part) for part in columns]
-        # Number of the listener to which each place belongs, (E,).
-        self._listeners = np.zeros(len(team.regions[0].radii), np.int64)
-        for number, places in enumerate(team.listeners):
-            self._listeners[places] = number
+        # Index of the adversary to which each place belongs, (E,).
+        self._adversaries = np.zeros(len(team.regions[0].radii), np.int64)
+        for number, places in enumerate(team.adversaries):
+            self._adversaries[places] = number
 
     def add(self, uav: int, columns: Columns, base: Array) -> None:
         """Add columns of a UAV, and their values without w0 and v, (G, C) in nats."""
@@ -69,7 +69,7 @@ class SlotBounds:
                 cells.group[block], cells.low[block], cells.high[block], weights[:, block],
                 v[:, block], terms[..., block], bounds[:, block])]
             core.minimise_slot_bounds(
-                self._columns, self._listeners, self._price, self._team.regions[0].peak, *parts)
+                self._columns, self._adversaries, self._price, self._team.regions[0].peak, *parts)
             v[:, block], terms[..., block], bounds[:, block] = parts[4:]
         return v, terms, bounds
 
