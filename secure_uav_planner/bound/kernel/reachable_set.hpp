@@ -90,9 +90,9 @@ public:
     // An upper bound of g . q over places q in both discs, g = (ga, gb); lemma 6 is derived in
     // reachable_set.py. The near disc is about the start, the far disc about the goal (D, 0).
     //
-    // The bound is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0), where
-    // s is a multiple of the far disc's normal at the corner, so that g - s is one of the near
-    // disc's normal.
+    // The bound is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0).
+    // Here s is a multiple of the far disc's normal at the corner, chosen so that g - s is a
+    // multiple of the near disc's normal there.
     double support(double ga, double gb, std::size_t group) const {
         const double near = from_start_[group], far = to_goal_[group];
         const double along = corner_[2 * group], across = corner_[2 * group + 1];

@@ -189,7 +189,7 @@ def certify(team: Team, multipliers: Multipliers,
 
 def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
     """
-    Return w0 (K, C) in [1e-12, 1], and v (K, C, E), not negative and with a sum below w0.
+    Return w0 (K, C) clipped to [1e-12, 1], and v (K, C, E) >= 0 scaled so that sum v < w0.
 
     :raises AssertionError: unless w0 rises to 1.
     """
@@ -204,7 +204,13 @@ def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
 
 def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
                   stop: Callable[[], bool]) -> Array:
-    """Return upper bounds of a silent UAV's term, its potential, in given cells, (M,) in nats."""
+    """
+    Return upper bounds of the maxima of a silent UAV's term over given cells, (M,) in nats.
+
+    In silence w0 = 0 and v = 0, so the term is the potential's part alone.
+
+    :param cell: index of each of M cells in `cells`, (M,).
+    """
     none = np.zeros((len(cell), len(potential.region.radii)))
     return Terms(potential, cells, cell, none[:, 0], none).bound_maxima(incumbents, stop)
 
@@ -225,10 +231,10 @@ def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: 
                 silent: Array, weights: Array, v: Array, price: float, incumbents: Array,
                 stop: Callable[[], bool]) -> Array:
     """
-    Return upper bounds of M_i at (w0, v) in given cells, (M,) in nats.
+    Return upper bounds of M_i, UAV i's largest term at (w0, v) in given cells, (M,) in nats.
 
-    A jammer's powers below FLOOR / (its largest gain) are covered by one term: at these powers
-    the potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
+    A jammer's powers below FLOOR / (its largest gain) are not searched: there its term is at most
+    silent + log(1 + FLOOR) sum of v + a margin for rounding.
 
     :param uav: index i of the UAV.
     :param cell: indices of the cells, (M,).
@@ -258,7 +264,7 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Arr
     x = x * x * (3 - 2 * x)
 
     def interpolate(at_zero: Array, at_breakpoints: Array) -> Array:
-        """Return values at the ends of all pieces, (PIECES + 1, K, C)."""
+        """Return values at the ends of all pieces, (PIECES + 1, K, C), linear in w0."""
         values = np.concatenate([at_zero[None], at_breakpoints])
         return np.asarray(values[:-1] * (1 - x) + values[1:] * x)
 

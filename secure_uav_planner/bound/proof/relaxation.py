@@ -206,7 +206,7 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
 
 def find_reference_snrs(scenario: Scenario) -> Array:
     """
-    Return the reference SNRs of the links to the ground node and to an eavesdropper, (2, U).
+    Return each UAV's SNR per W at 1 m to the ground node and to an eavesdropper, (2, U).
 
     An eavesdropper's receiver advantage is not included. Fading with an outage multiplies the gain
     of each link by a constant, its quantile; the lemmas hold for any such constant.

@@ -141,7 +141,10 @@ class Dual:
 
     def _add_up(self, point: DualPoint, branches: Array, edges: EdgeTerms) -> float:
         """
-        Return the dual function: the terms of groups, average powers, barriers and edges.
+        Return the dual function [nats], N times an estimate of the bound.
+
+        With n slots in a group it is the sum over groups of n tau log sum exp(branch / tau), plus
+        N lam . (average powers), plus the edges' terms, minus the weighted logs of v, slack, lam.
 
         :param branches: value of every branch, (B + 1, G) in nats.
         """
@@ -158,7 +161,11 @@ class Dual:
         return V_BARRIER * (self.tau if point.v.shape[-1] > 1 else 1e-5)
 
     def _add_v_barriers(self, point: DualPoint, gradient: Array, hessian: Array) -> None:
-        """Add the derivatives of the barriers of v and slack, (G, F) and (G, F, F)."""
+        """
+        Add the derivatives of -weight log v - SLACK_BARRIER log(w0 - s), times a group's slots.
+
+        They are by a group's unknowns, to `gradient` (G, F) and `hessian` (G, F, F).
+        """
         weight, slack = self._v_barrier(point), self.slack(point.v)
         for cell in range(point.v.shape[1]):
             own, v, rest = self._select_v(point, cell), point.v[:, cell], slack[:, [cell]]
@@ -189,7 +196,11 @@ class Dual:
         return terms
 
     def _add_first_move(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """Add step |g|, or A_0 |g| + g . d_{-1} if A_0 < step; lemma 8 has g = u_0 + w_1."""
+        """
+        Add the first move's bound with g = u_0 + w_1, see lemma 8 in Potential.
+
+        It is step |g|; if A_0 < step, with a velocity given at the start, A_0 |g| + g . d_{-1}.
+        """
         region, at_start = self.team.regions[uav], np.eye(len(self.edge))[0]
         parts = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
         limit = region.end_move_changes[0]
@@ -201,7 +212,11 @@ class Dual:
             terms.add_linear(0, uav, part, region.end_moves[0])
 
     def _add_accelerations(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """Add A |w| at every edge, and -w . d_{N+1} at the goal with the goal's own A."""
+        """
+        Add A |w| at every edge times its weight in slots, and -w . d_{N+1} at the goal; lemma 8.
+
+        At the goal the factor rises by A_{N+1} - A if the goal's change of move may be larger.
+        """
         region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
         excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)
@@ -309,8 +324,10 @@ class BranchTerms:
 
     def add_columns(self, branch: int, uav: int, own_v: slice, columns: dict[str, Any]) -> None:
         """
-        Add the smoothed maxima of a UAV's columns to a branch.
+        Add tau log sum exp(value / tau) over a UAV's columns, in each group, to a branch.
 
+        :param branch: index of the branch; the last is silence.
+        :param uav: index of the UAV.
         :param own_v: slice of the branch's v in a group's unknowns.
         :param columns: the columns, by pack_columns.
         """

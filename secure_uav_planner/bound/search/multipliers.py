@@ -163,7 +163,11 @@ class MultiplierSearch:
                              self.point.v[:, cell])
 
     def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
-        """Return columns in which places of the last UAV outside a cell are worth nothing."""
+        """
+        Return columns in which `ground` is -WORTHLESS for places of the last UAV outside a cell.
+
+        Only the last UAV is restricted to cells, and with one cell there is nothing to restrict.
+        """
         if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
             return columns
         inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
@@ -250,11 +254,11 @@ class MultiplierSearch:
 
     def _descend(self, dual: Dual) -> float:
         """
-        Take a Newton step, damped until it pays; return the slope along it, or 0 without a step.
+        Take a damped Newton step; return the dual function's slope along it (<= 0), 0 without it.
 
-        A step pays if it lowers the dual function by a tenth of length times slope. The lengths
-        1, 0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve. The next step
-        begins with the damping of this one.
+        A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
+        0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve, up to
+        MAX_DAMPING. The next step begins with the accepted damping.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -278,7 +282,12 @@ class MultiplierSearch:
 
 
 def _find_constant(potential: Potential) -> Array:
-    """Return the part of a potential's term that values of columns leave out, (G,) in nats."""
+    """
+    Return the terms of a slot that values of columns leave out, (G,) in nats.
+
+    They are A |w|, and for quadratic potentials the curvature's cost. Values of columns contain
+    the moves' lengths step |u + S q + change of w|.
+    """
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
 
@@ -305,8 +314,8 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
     w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
-    The sum is divided among places by their SINR: between adversaries in proportion, among the
-    places of one adversary by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
+    v_e is in proportion to (adversary's largest SINR) (SINR_e^k / sum of SINR^k over the
+    adversary's places), with k = SHARPNESS; see _find_place_shares. Measured: with v in equal shares, bounds
     of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
@@ -334,7 +343,9 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
 def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
-    Return a weight of each place, (G, E), larger for louder places and at least LEAST_SHARE.
+    Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
+
+    The shares of a group add up to 1. suggest_multipliers states how they depend on the SINRs.
 
     :param ze: log SINR at the places, (G, E).
     :param largest: largest log SINR of each adversary, (G, number of adversaries).
@@ -379,7 +390,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
 def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cells,
                         weights: Array, v: Array, incumbents: Array) -> None:
     """
-    Add to bounds the best column of each UAV for every breakpoint and cell.
+    Add to `bounds` a column of each UAV that is better than the incumbent, for every (K, C).
 
     :param weights: w0, (K, C).
     :param v: eavesdropper multipliers, (K, C, E).
@@ -393,7 +404,7 @@ def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cel
 
 
 def _find_silent_maxima(search: MultiplierSearch, cells: Cells) -> Array:
-    """Return the largest value of each UAV's silent columns in each cell, (U, C) in nats."""
+    """Return the largest value of each UAV's silent columns in each of C cells, (U, C) in nats."""
     pools = search.pools[0]
     values = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(pools)]
     # Only the last UAV is restricted to cells.
