@@ -215,11 +215,7 @@ class _BestBound:
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """
-        Prove and offer a bound with a search's multipliers after the with statement has searched.
-
-        A search that its time limit ends is proven as far as it came.
-        """
+        """Run the with statement, which searches, then prove a bound, even after a time limit."""
         try:
             yield
         except TimeLimitError:
@@ -260,7 +256,7 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     coarse = MultiplierSearch(coarse_team, positions, powers, best.reserve_time(1.0))
     with best.proving(coarse):
         _anneal(coarse, COARSE)
-    leading = coarse  # Until the first search on fine groups.
+    leading = coarse
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(fine_team, positions, powers, best.reserve_time(ratio))

@@ -204,13 +204,7 @@ def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
 
 def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
                   stop: Callable[[], bool]) -> Array:
-    """
-    Return upper bounds of the maxima of a silent UAV's term over given cells, (M,) in nats.
-
-    In silence w0 = 0 and v = 0, so the term is the potential's part alone.
-
-    :param cell: index of each of M cells in `cells`, (M,).
-    """
+    """Return upper bounds of a silent UAV's term (w0 = 0, v = 0) in cells, (M,) in nats."""
     none = np.zeros((len(cell), len(potential.region.radii)))
     return Terms(potential, cells, cell, none[:, 0], none).bound_maxima(incumbents, stop)
 

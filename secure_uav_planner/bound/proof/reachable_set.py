@@ -144,8 +144,9 @@ class ReachableSet:
         Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
 
         If the circles cross between start and goal, the reachable set is widest in y there.
-        Otherwise it is as wide as the smaller disc. The crossing at a has the half width sqrt(r1^2 - a^2). With
-        0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        Otherwise it is as wide as the smaller disc. The crossing at x = a has the half width
+        sqrt(r1^2 - a^2). With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which
+        is added.
         """
         near, far, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
@@ -168,7 +169,7 @@ class ReachableSet:
         Return the range of grid cells reached in time: first and one past the last, (G, 2) each.
 
         Indices are along x and along y in the SIDE x SIDE grid of the detours. A cell is in time
-        if its _time_deficit is at most 0. A group without such cells has those of the least.
+        if its _time_deficit is at most 0. If a group has none, the cells of the least.
         """
         late = self._time_deficit()
         in_time = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
@@ -178,12 +179,7 @@ class ReachableSet:
         return np.stack(first, -1), np.stack(end, -1)
 
     def _time_deficit(self) -> Array:
-        """
-        Return by how much the paths to each cell of the detours' grid are too long, in units.
-
-        The array (G, SIDE, SIDE) is the larger of (path from the start - from_start) and (path to
-        the goal - to_goal); a cell can be reached in time if it is at most 0.
-        """
+        """Return max(path from start - from_start, path to goal - to_goal), (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
@@ -354,7 +350,7 @@ class Cells:
     def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64],
             border: Array) -> Cells:
         """
-        Return all cells, C + D of them, with D chosen ones cut in two.
+        Return C + D cells: the C cells, of which D are cut in two.
 
         The lower part of a chosen cell keeps its index; the upper parts are appended in order.
 
@@ -395,7 +391,7 @@ class Team:
     :param groups: groups of the mission's slots.
     :param regions: reachable sets of the transmitter, and of the jammer if there is one.
     :param adversaries: for each adversary the indices of its places. An adversary is a group of
-        eavesdroppers' places of which only the worst counts: one disc with colluding
+        eavesdroppers' places, and only its worst place counts: one disc with colluding
         eavesdroppers, otherwise all discs together. See certificate.entropy.
     """
 

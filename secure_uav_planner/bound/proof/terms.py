@@ -174,12 +174,7 @@ class Potential:
                      + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
     def magnitude(self) -> Array:
-        """
-        Return an upper bound of the absolute size of the potentials' terms, (G,) in nats.
-
-        It is (|u| + 2 |w| + |S| (r + step)) (r + step) + |constant|, with the larger values of
-        both edges and the farthest place r of the reachable set. `margin` takes it as `size`.
-        """
+        """Return (|u| + 2 |w| + |S| (reach + step)) (reach + step) + |constant|, (G,) in nats."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
         slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)

@@ -218,7 +218,7 @@ class ColumnPool:
     @staticmethod
     def choose(pools: list[ColumnPool], number: NDArray[np.intp]) -> ColumnPool:
         """
-        Return a pool whose columns in group g are those of pools[number[g]].
+        Return a pool with the columns of pools[number[g]] in every group g.
 
         The pools are of one UAV, so they differ only in the columns that rounds added.
 

@@ -161,11 +161,7 @@ class Dual:
         return V_BARRIER * (self.tau if point.v.shape[-1] > 1 else 1e-5)
 
     def _add_v_barriers(self, point: DualPoint, gradient: Array, hessian: Array) -> None:
-        """
-        Add the derivatives of -weight log v - SLACK_BARRIER log(w0 - s), times a group's slots.
-
-        They are by a group's unknowns, to `gradient` (G, F) and `hessian` (G, F, F).
-        """
+        """Add derivatives of slots * (-weight log v - SLACK_BARRIER log(w0 - s)), by unknowns."""
         weight, slack = self._v_barrier(point), self.slack(point.v)
         for cell in range(point.v.shape[1]):
             own, v, rest = self._select_v(point, cell), point.v[:, cell], slack[:, [cell]]
@@ -212,11 +208,7 @@ class Dual:
             terms.add_linear(0, uav, part, region.end_moves[0])
 
     def _add_accelerations(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """
-        Add A |w| at every edge times its weight in slots, and -w . d_{N+1} at the goal; lemma 8.
-
-        At the goal the factor rises by A_{N+1} - A if the goal's change of move may be larger.
-        """
+        """Add A |w| at each edge by its weight; at the goal (A_{N+1} - A)+ |w| - w . d_{N+1}."""
         region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
         excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)

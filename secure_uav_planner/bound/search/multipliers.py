@@ -163,11 +163,7 @@ class MultiplierSearch:
                              self.point.v[:, cell])
 
     def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
-        """
-        Return columns in which `ground` is -WORTHLESS for places of the last UAV outside a cell.
-
-        Only the last UAV is restricted to cells, and with one cell there is nothing to restrict.
-        """
+        """Return columns with `ground` -WORTHLESS at places of the last UAV outside a cell."""
         if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
             return columns
         inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
@@ -282,12 +278,7 @@ class MultiplierSearch:
 
 
 def _find_constant(potential: Potential) -> Array:
-    """
-    Return the terms of a slot that values of columns leave out, (G,) in nats.
-
-    They are A |w|, and for quadratic potentials the curvature's cost. Values of columns contain
-    the moves' lengths step |u + S q + change of w|.
-    """
+    """Return A |w|, plus the curvature's cost if quadratic: what columns leave out, (G,)."""
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
 
@@ -315,8 +306,9 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
     w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
     v_e is in proportion to (adversary's largest SINR) (SINR_e^k / sum of SINR^k over the
-    adversary's places), with k = SHARPNESS; see _find_place_shares. Measured: with v in equal shares, bounds
-    of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
+    adversary's places), with k = SHARPNESS; see _find_place_shares.
+    Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
+    above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
     :param watts: powers of the UAVs, (U, G), above 0 for the transmitter.
