@@ -158,7 +158,7 @@ private:
 
     // Return the bound [nats] of the potential's growth by a move from place q of column c: the
     // sum over both edges of the group of mean step (sqrt(|h|^2 + delta^2) - delta), which smooths
-    // mean step |h|. Here h = u + S q + (w after - w before) / count with u and S of the edge, and
+    // mean step |h|. With u and S of the edge, h = u + S q + (w after - w before) / count, and
     // delta = tau / step. Unless `terms` is null, fill terms[edge] for the derivatives.
     double sum_lengths(std::size_t g, std::size_t c, Length* terms) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];

@@ -120,8 +120,8 @@ public:
                                std::size_t group) const {
         const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
-        // Of both discs: distance of the box's centre from the disc's centre, unit vector (na, nb)
-        // to the box, the slope's part along this vector, and whether the box is on the rim.
+        // For each disc, `far` is the distance of the box's centre from the disc's centre, (na, nb)
+        // is the unit vector to the box, and `along` is the slope's part along this vector.
         double far[2], na[2], nb[2], along[2];
         bool active[2];
         for (int i = 0; i < 2; ++i) {
@@ -133,7 +133,7 @@ public:
             along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
-        // With these two multipliers the slope has no part along either vector.
+        // These two multipliers leave the slope no part along either unit vector.
         double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
                                 (along[1] - cosine * along[0]) / sine2};
         // Nearly opposite directions would need multipliers far larger than the slope.

@@ -41,8 +41,8 @@ double find_entropy(double share) {
     return -share * std::log(std::max(share, TINY));
 }
 
-// The bound of one slot at one w0. An adversary is a group of eavesdroppers' places of which only
-// the worst counts: one disc with colluding eavesdroppers, otherwise all discs together.
+// The bound of one slot at one w0. An adversary is a group of eavesdroppers' places, and only its
+// worst place counts: one disc with colluding eavesdroppers, otherwise all discs together.
 // `adversaries` (E) has the index of every place's adversary. `price` [nats per W] and `peak` [W]
 // belong to the transmit power.
 class SlotBound {

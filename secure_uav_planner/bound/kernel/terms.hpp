@@ -251,7 +251,7 @@ private:
             expand_jammed_leak(box, rho, watts, more, e, parts[e + 1]);
         const double cost = price_ * watts;
         Expansion& power_cost = parts[eavesdroppers_ + 1];
-        power_cost.value = power_cost.gp = -cost;  // -lam e^pi is its own derivative by pi.
+        power_cost.value = power_cost.gp = -cost;
         power_cost.kp = -cost / more;
     }
 

@@ -350,7 +350,7 @@ class Cells:
     def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64],
             border: Array) -> Cells:
         """
-        Return C + D cells: the C cells, of which D are cut in two.
+        Return C + D cells: D chosen cells out of C are cut in two.
 
         The lower part of a chosen cell keeps its index; the upper parts are appended in order.
 
