@@ -54,7 +54,7 @@ def slot_rates(team, places, powers):
         leaks.append(power[:, None] * gain * np.exp(region.log_advantages) / (
             distance**2 + square))
     sinr = leaks[0] / (1 + sum(leaks[1:], 0 * leaks[0]))
-    leak = np.log1p(sum(sinr[:, places].max(-1) for places in team.listeners))
+    leak = np.log1p(sum(sinr[:, places].max(-1) for places in team.adversaries))
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
 
 

@@ -25,22 +25,22 @@ def bracket_excess(z0, ze, rng, split=False):
     """
     Return by how much a rate exceeds lemma 1's bound with random v, and the bound with the best.
 
-    :param split: whether every place is a listener of its own in the bound, a deliberate error.
+    :param split: whether every place is an adversary of its own in the bound, a deliberate error.
     """
     ze, owners = np.array(ze), rng.integers(0, rng.integers(1, len(ze) + 1), len(ze))
-    listeners = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
-    largest = np.array([ze[places].max() for places in listeners])
+    adversaries = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+    largest = np.array([ze[places].max() for places in adversaries])
     rate = softplus(z0) - np.logaddexp.reduce([0.0, *largest])
-    team = Team(None, (), tuple(np.arange(len(ze))[:, None] if split else listeners))
+    team = Team(None, (), tuple(np.arange(len(ze))[:, None] if split else adversaries))
 
     def bracket(weight, v):
-        return weight * z0 + entropy(weight) - v @ ze - entropy(*team.sum_listeners(v))
+        return weight * z0 + entropy(weight) - v @ ze - entropy(*team.sum_adversaries(v))
     # The rate's own w0 among others, and v that bends where it likes.
     weight = np.sort(np.append(np.linspace(0, 1, 200), sigmoid(np.array(z0))))
     v = weight[:, None] * rng.random((201, 1)) ** rng.choice([0.1, 1, 5]) * rng.dirichlet(
         np.full(len(ze), rng.choice([0.1, 1.0])), 201)
     best = np.zeros(len(ze))
-    best[[places[ze[places].argmax()] for places in listeners]] = np.exp(
+    best[[places[ze[places].argmax()] for places in adversaries]] = np.exp(
         largest - np.logaddexp.reduce([0.0, *largest]))
     exact = bracket(sigmoid(np.array(z0)), best)
     return rate - bracket(weight, v).max(), rate - exact
@@ -433,12 +433,12 @@ def test_a_branch_and_bound_cut_short_is_valid():
     assert (terms.bound_maxima(nothing, lambda: next(calls)) >= exact - 4e-4).all()
 
 
-@pytest.mark.parametrize('listeners', [1, 3])
-def test_the_multipliers_of_a_slot_are_nearly_the_best_ones(listeners):
+@pytest.mark.parametrize('adversaries', [1, 3])
+def test_the_multipliers_of_a_slot_are_nearly_the_best_ones(adversaries):
     rng = np.random.default_rng(9)
-    owners = np.arange(3) % listeners
-    team = SimpleNamespace(regions=[SimpleNamespace(peak=2.0, radii=np.zeros(3))], listeners=[
-        np.flatnonzero(owners == owner) for owner in range(listeners)])
+    owners = np.arange(3) % adversaries
+    team = SimpleNamespace(regions=[SimpleNamespace(peak=2.0, radii=np.zeros(3))], adversaries=[
+        np.flatnonzero(owners == owner) for owner in range(adversaries)])
     columns = [(Columns(rng.uniform(size=(5, 40, 2)), np.zeros((5, 40)), rng.normal(
         0, 2, (5, 40)), rng.normal(0, 2, (5, 40, 3))), rng.normal(0, 0.5, (5, 40)))
         for _ in range(2)]
@@ -449,7 +449,7 @@ def test_the_multipliers_of_a_slot_are_nearly_the_best_ones(listeners):
     assert (v >= 0).all() and (v.sum(-1) <= weights).all()
     size = weights[..., None] * rng.random((2000, 1, 1, 1)) ** 0.3
     tried = np.concatenate([v[None], size * rng.dirichlet(np.full(3, 0.5), (2000, 2, 5))])
-    sums = [tried[..., places].sum(-1) for places in team.listeners]
+    sums = [tried[..., places].sum(-1) for places in team.adversaries]
     found = maximise_power(weights - tried.sum(-1), 0.2, 2.0)[0] - entropy(*sums) + sum(
         (base + weights[..., None] * part.ground + np.einsum(
             'nkge,gce->nkgc', tried, part.leaks)).max(-1) for part, base in columns)

@@ -215,7 +215,7 @@ class _BestBound:
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """Run the search in the with statement, then prove a bound with its multipliers."""
+        """Run the with statement, which searches, then prove a bound, even after a time limit."""
         try:
             yield
         except TimeLimitError:
@@ -228,7 +228,7 @@ class _BestBound:
         self.deadline.raise_if_over()
 
     def has_gap(self, rate: float, gap: float) -> bool:
-        """Whether the bound is above a plan's rate by more than a share `gap`; not for rate 0."""
+        """Return whether the bound exceeds (1 + gap) times a plan's rate; False for rate 0."""
         return bool(rate) and self.rate > (1 + gap) * rate
 
     def offer(self, rate: float) -> None:
@@ -242,7 +242,8 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     """
     Search for multipliers on coarse groups, on fine groups, then with cells; prove each bound.
 
-    Cells, and a second search on fine groups, follow only while the gap to the plan is large.
+    Fine groups are tried with quadratic potentials if each is one slot, and with linear ones if
+    that is not possible or leaves a gap to the plan above LARGE_GAP. The better search gets cells.
     """
     scenario = detours.scenario
     positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
@@ -255,26 +256,29 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     coarse = MultiplierSearch(coarse_team, positions, powers, best.reserve_time(1.0))
     with best.proving(coarse):
         _anneal(coarse, COARSE)
-    leading = None
+    leading = coarse
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(fine_team, positions, powers, best.reserve_time(ratio))
         fine.begin_from(coarse)
         before = best.rate
         _prove_on_fine_groups(best, fine, quadratic)
-        if leading is None or best.rate < before:
+        if leading is coarse or best.rate < before:
             leading = fine
         if not best.has_gap(rate, LARGE_GAP):
             break
         ratio = 1.0
-    assert leading is not None
     _prove_with_cells(best, leading, rate)
     return best.status
 
 
 def _select_eavesdroppers(scenario: Scenario, objective: str, positions: Array, powers: Array
                           ) -> EavesdropperSubset:
-    """Return the places that leak most in a plan, with positions in m and powers in W."""
+    """
+    Return at most 8 eavesdroppers' places that leak most in a plan; see FEWEST_PLACES.
+
+    `positions` (U, N + 2, 2) in m and `powers` (U, N) in W are the plan's.
+    """
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
     # 400 slots suffice to show which eavesdroppers matter.
@@ -297,9 +301,12 @@ def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: b
 
 def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -> None:
     """
-    Add CUTS cells to every group and prove, up to twice, while the gap to a plan is large.
+    Add CUTS cells to every group, search and prove a bound; up to two passes.
 
-    :param rate: the plan's rate [bit/s/Hz], or 0 without a plan.
+    The first pass needs a gap (bound / rate - 1) above SMALL_GAP, the second one above WIDE_GAP.
+    The second is left out if the first kept more than the share STUCK of the gap.
+
+    :param rate: the plan's rate [bit/s/Hz], or 0 without a plan, which allows no pass.
     """
     ratio = DIVIDED_COST
     for gap, schedule in ((SMALL_GAP, DIVIDED), (WIDE_GAP, SETTLED)):
@@ -316,7 +323,7 @@ def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -
             _anneal(search, schedule)
         if best.rate - rate > STUCK * (before - rate):
             return
-        ratio = 2.0
+        ratio = 2.0  # Time of the second certificate over the time of the first one.
 
 
 def find_start(scenario: Scenario, deadline: Deadline, objective: str,

@@ -56,8 +56,8 @@ public:
     }
 
 private:
-    // A function: its index, the bound that is low enough (incumbent plus tolerance), its bound over
-    // the boxes that need no halving, and the number of its boxes so far.
+    // A function: its index `number`; `enough`, the incumbent plus `tolerance`, below which a box
+    // needs no halving; `bound`, the largest over the boxes that are done; the count of its boxes.
     struct Function {
         std::size_t number;
         double enough, tolerance, bound, boxes;
@@ -77,8 +77,9 @@ private:
         std::size_t begin, end;
     };
 
-    // Bound the functions that need a box, and halve it for those whose bound is too large. The
-    // box is cut for the function whose bound is loosest.
+    // Bound the functions that need a box. Functions whose bound exceeds `enough` need both halves
+    // of the box; the box is cut for the one whose bound exceeds `enough` most. A function that
+    // has spent its budget of boxes keeps the bound over the parent box.
     void visit(Node& node) {
         Box& box = node.box;
         terms_.expand(group_, box, parts_.data());

@@ -20,7 +20,9 @@ constexpr std::size_t MOST_ENTRIES = 14;  // Largest number of potentials at bot
 // Columns of a UAV in G groups, C in each. pack_columns in columns.py makes the arguments.
 class Columns {
 public:
-    // Read the arrays and the layout of the potentials from the arguments.
+    // Read the arguments. A potential has width_ numbers: u (2), S (3) if quadratic, w (2) if a
+    // UAV has a limit of acceleration. An unknown's index is below features_: v, both edges'
+    // potentials, price.
     explicit Columns(const py::dict& args)
         : groups_(count_entries(args, "count")),
           columns_(count_entries(args, "ground") / std::max<std::size_t>(groups_, 1)),
@@ -106,7 +108,7 @@ private:
             for (std::size_t j = 0; j < i; ++j) hessian[j * f + i] = hessian[i * f + j];
     }
 
-    // Fill row_ with the slope of a column's value, without its lengths.
+    // Fill row_ (F) with the derivatives of column c's value, without lengths, by the unknowns.
     void find_slope(std::size_t g, std::size_t c) {
         const std::size_t e = eavesdroppers_, column = g * columns_ + c;
         std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
@@ -133,7 +135,8 @@ private:
         std::copy(all, all + 5, phi);
     }
 
-    // Find a column's value: change of the potential, lengths, w0 ground + v . leaks.
+    // Find the value [nats] of column c of group g: find_change + lengths + w0 ground + v . leaks,
+    // where `lengths` is sum_lengths(g, c).
     double find_value(std::size_t g, std::size_t c, double lengths) const {
         const std::size_t column = g * columns_ + c;
         double value = find_change(g, c) + lengths + weights_[g] * ground_[column];
@@ -142,7 +145,8 @@ private:
         return value;
     }
 
-    // Find the change of the potential in a slot at a column, minus the price of its power.
+    // Find (W_after(q) - W_before(q)) / count - price p for the place q and power p of column c.
+    // W are the potentials at the edges of group g, which has `count` slots.
     double find_change(std::size_t g, std::size_t c) const {
         const std::size_t column = g * columns_ + c;
         const double *before = potential(g), *after = potential(g + 1);
@@ -152,8 +156,10 @@ private:
         return sum / count_[g] - price_ * power_[column];
     }
 
-    // Sum the smoothed lengths |u + S q + change of w| at both edges, with weights, for a column.
-    // Fill `terms` for the derivatives unless it is null.
+    // Return the bound [nats] of the potential's growth by a move from place q of column c: the
+    // sum over both edges of the group of mean step (sqrt(|h|^2 + delta^2) - delta), which smooths
+    // mean step |h|. With u and S of the edge, h = u + S q + (w after - w before) / count, and
+    // delta = tau / step. Unless `terms` is null, fill terms[edge] for the derivatives.
     double sum_lengths(std::size_t g, std::size_t c, Length* terms) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
         const double *before = potential(g), *after = potential(g + 1);
@@ -180,8 +186,9 @@ private:
         return value;
     }
 
-    // Fill `row` with the derivative of a . (u + S q + change of w), u and S of one edge, by the
-    // potentials at both edges; a is (a0, a1).
+    // Fill `row` with the derivative of (a0, a1) . (u + S q + (w after - w before) / count) by the
+    // group's potentials: width_ numbers (u, S, w) before the group, then width_ after it. u and S
+    // belong to one edge, 0 before or 1 after the group; q is the place of column c.
     void apply_chain_rule(std::size_t g, std::size_t c, std::size_t edge, double a0, double a1,
                           double* row) const {
         std::fill(row, row + MOST_ENTRIES, 0.0);
@@ -203,7 +210,7 @@ private:
         }
     }
 
-    // Add the first derivatives of the lengths to row_ and the second ones to a Hessian.
+    // Add the gradient of sum_lengths(g, c) to row_, and its Hessian times `weight` to `hessian`.
     void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
         Length own[2];
         sum_lengths(g, c, own);

@@ -87,11 +87,12 @@ public:
         box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
     }
 
-    // An upper bound of g . q in the two discs, g = (ga, gb); lemma 6 is in ReachableSet.corner.
+    // An upper bound of g . q over places q in both discs, g = (ga, gb); lemma 6 is derived in
+    // reachable_set.py. The near disc is about the start, the far disc about the goal (D, 0).
     //
-    // It is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0), where
-    // s is a multiple of the far disc's normal at the corner, so that g - s is one of the near
-    // disc's normal.
+    // The bound is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0).
+    // Here s is a multiple of the far disc's normal at the corner, chosen so that g - s is a
+    // multiple of the near disc's normal there.
     double support(double ga, double gb, std::size_t group) const {
         const double near = from_start_[group], far = to_goal_[group];
         const double along = corner_[2 * group], across = corner_[2 * group + 1];
@@ -119,6 +120,8 @@ public:
                                std::size_t group) const {
         const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
+        // For each disc, `far` is the distance of the box's centre from the disc's centre, (na, nb)
+        // is the unit vector to the box, and `along` is the slope's part along this vector.
         double far[2], na[2], nb[2], along[2];
         bool active[2];
         for (int i = 0; i < 2; ++i) {
@@ -130,6 +133,7 @@ public:
             along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
+        // These two multipliers leave the slope no part along either unit vector.
         double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
                                 (along[1] - cosine * along[0]) / sine2};
         // Nearly opposite directions would need multipliers far larger than the slope.
@@ -151,7 +155,8 @@ public:
     }
 
 private:
-    // False only if a box misses the reachable set.
+    // False only if a box misses the reachable set, because it misses one of the discs or because
+    // detours exclude it. square_gap(x, half) is the squared distance of 0 from x - half..x + half.
     bool meets_set(const Box& box, std::size_t group) const {
         const auto square_gap = [](double x, double half) {
             const double far = positive_part(std::abs(x) - half);

@@ -41,14 +41,15 @@ double find_entropy(double share) {
     return -share * std::log(std::max(share, TINY));
 }
 
-// The bound of one slot at one w0. `listeners` has the number of the listener of every place. Only
-// the worst place of a listener counts. All discs together are one listener; of colluding
-// eavesdroppers every disc is one. `price` and `peak` belong to the transmit power.
+// The bound of one slot at one w0. An adversary is a group of eavesdroppers' places, and only its
+// worst place counts: one disc with colluding eavesdroppers, otherwise all discs together.
+// `adversaries` (E) has the index of every place's adversary. `price` [nats per W] and `peak` [W]
+// belong to the transmit power.
 class SlotBound {
 public:
-    SlotBound(std::vector<std::size_t> listeners, double price, double peak)
-        : listeners_(std::move(listeners)), price_(price), peak_(peak),
-          totals_(listeners_.size()), trial_(listeners_.size()) {}
+    SlotBound(std::vector<std::size_t> adversaries, double price, double peak)
+        : adversaries_(std::move(adversaries)), price_(price), peak_(peak),
+          totals_(adversaries_.size()), trial_(adversaries_.size()) {}
 
     // Begin with another slot, at another w0 (`weight`), without columns.
     void begin(double weight, std::size_t uavs) {
@@ -98,8 +99,8 @@ public:
     double constant(const double* v) {
         double sum = 0.0;
         std::fill(totals_.begin(), totals_.end(), 0.0);
-        for (std::size_t e = 0; e < listeners_.size(); ++e) {
-            totals_[listeners_[e]] += v[e];
+        for (std::size_t e = 0; e < adversaries_.size(); ++e) {
+            totals_[adversaries_[e]] += v[e];
             sum += v[e];
         }
         double entropy = find_entropy(1.0 - sum);
@@ -117,7 +118,7 @@ private:
 
     // Return v moved to where the barriers are finite: every v above 0, and their sum below w0.
     std::vector<double> move_inside(const double* v) const {
-        const std::size_t count = listeners_.size();
+        const std::size_t count = adversaries_.size();
         std::vector<double> point(count);
         double sum = 0.0;
         for (std::size_t e = 0; e < count; ++e)
@@ -135,7 +136,7 @@ private:
 
     double value(const Column& column, const double* v) const {
         double sum = column.value;
-        for (std::size_t e = 0; e < listeners_.size(); ++e) sum += v[e] * column.leaks[e];
+        for (std::size_t e = 0; e < adversaries_.size(); ++e) sum += v[e] * column.leaks[e];
         return sum;
     }
 
@@ -150,7 +151,9 @@ private:
             uav.list.push_back(uav.columns[order_[i].second]);
     }
 
-    // Move v by Newton steps on the smoothed bound, each halved until it lowers the bound enough.
+    // Minimise the smoothed bound F over v by Newton's method: v moves by -length step_, with
+    // step_ = Hessian^-1 gradient. `length` is halved until F falls by a tenth of length times
+    // `decrease` = step_ . gradient. Below ENOUGH tau of `decrease` the search ends.
     void descend(std::vector<double>& v, double tau) {
         const std::size_t count = v.size();
         for (int step = 0; step < NEWTON_STEPS; ++step) {
@@ -198,7 +201,7 @@ private:
     // Fill gradient_ and hessian_ with the derivatives of m(w0 - s) - H(v) and of the barriers by
     // v, with the sum s. m has the gradient -log p and, with p below the peak, the Hessian
     // 1 / (w0 - s). -H has the gradient log t - log(1 - s) and the Hessian 1 / (1 - s), plus 1 / t
-    // for places of one listener; t is the sum of v of the listener.
+    // for two places of the same adversary; t is the sum of v over the places of that adversary.
     void differentiate_constant(const std::vector<double>& v, double sum, double tau) {
         const std::size_t count = v.size();
         const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
@@ -209,15 +212,16 @@ private:
         gradient_.assign(count, slope);
         hessian_.assign(count * count, curvature);
         for (std::size_t e = 0; e < count; ++e) {
-            const double total = std::max(totals_[listeners_[e]], TINY);
+            const double total = std::max(totals_[adversaries_[e]], TINY);
             gradient_[e] += std::log(total) - BARRIER * tau / v[e];
             hessian_[e * count + e] += BARRIER * tau / (v[e] * v[e]);
             for (std::size_t f = 0; f < count; ++f)
-                if (listeners_[e] == listeners_[f]) hessian_[e * count + f] += 1 / total;
+                if (adversaries_[e] == adversaries_[f]) hessian_[e * count + f] += 1 / total;
         }
     }
 
-    // Return the smoothed largest value of a UAV's list; add its derivatives to gradient and Hessian.
+    // Return tau log sum exp(value / tau) over the columns of a UAV's list, at v. If
+    // `differentiate`, add its derivatives by v to gradient_ and hessian_.
     double smooth_maximum(const Uav& uav, const std::vector<double>& v, double tau,
                           bool differentiate) {
         weights_.clear();
@@ -231,10 +235,10 @@ private:
         return top + tau * std::log(total);
     }
 
-    // Add the derivatives of a UAV's smoothed largest value: the mean m of the leaks, and their
-    // covariance over tau. The columns' weights are in weights_, and `total` is their sum.
+    // Add the derivatives by v of smooth_maximum(uav): to gradient_ the mean m of the columns'
+    // leaks (E), to hessian_ their covariance over tau. Column c has the share weights_[c] / total.
     void add_list(const Uav& uav, double total, double tau) {
-        const std::size_t count = listeners_.size();
+        const std::size_t count = adversaries_.size();
         mean_.assign(count, 0.0);
         for (std::size_t c = 0; c < weights_.size(); ++c) {
             const double share = weights_[c] / total, *leaks = uav.list[c].leaks;
@@ -252,9 +256,9 @@ private:
         }
     }
 
-    std::vector<std::size_t> listeners_;
+    std::vector<std::size_t> adversaries_;
     double price_, peak_;
-    std::vector<double> totals_, trial_;  // Sums of v over every listener; v after a step.
+    std::vector<double> totals_, trial_;  // Sums of v over every adversary; v after a step.
     std::vector<double> gradient_, hessian_, step_, mean_, weights_;
     double weight_ = 0.0;
     std::vector<Uav> uavs_;
@@ -286,16 +290,17 @@ struct Columns {
     std::size_t groups, count;
 };
 
-// Minimise the bound of every row of w0 and cell over v; see core.pyi for the arguments.
-void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners, double price,
+// Minimise over v the bound of every row, a pair of one of K w0 and one of C' cells: row k C' + c.
+// core.pyi describes the arguments.
+void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& adversaries, double price,
                           double peak, const py::buffer& group, const py::buffer& low,
                           const py::buffer& high, const py::buffer& weights, const py::buffer& v,
                           const py::buffer& maxima, const py::buffer& bounds) {
-    const Array<const std::int64_t> listener(listeners, "listeners"), groups(group, "group");
+    const Array<const std::int64_t> adversary(adversaries, "adversaries"), groups(group, "group");
     const Array<const double> w0(weights, "weights");
-    const std::size_t rows = w0.size(), places = listener.size(), cells = groups.size();
+    const std::size_t rows = w0.size(), places = adversary.size(), cells = groups.size();
     const Array<const double> lows(low, "low", 2 * cells), highs(high, "high", 2 * cells);
-    const Array<double> found(v, "v", rows * places), values(bounds, "bounds", rows);
+    const Array<double> points(v, "v", rows * places), values(bounds, "bounds", rows);
     const Array<double> largest(maxima, "maxima", uavs.size() * rows);
     std::vector<Columns> columns;
     for (const py::handle& uav : uavs) {
@@ -306,8 +311,8 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
         for (std::size_t cell = 0; cell < cells; ++cell)
             expect(groups[cell] >= 0 && std::size_t(groups[cell]) < own.groups, "group");
     }
-    std::vector<std::size_t> owners(listener.data(), listener.data() + places);
-    for (const std::size_t owner : owners) expect(owner < places, "listeners");
+    std::vector<std::size_t> owners(adversary.data(), adversary.data() + places);
+    for (const std::size_t owner : owners) expect(owner < places, "adversaries");
     const py::gil_scoped_release release;
     SlotBound bound(std::move(owners), price, peak);
     for (std::size_t row = 0; row < rows; ++row) {
@@ -318,11 +323,11 @@ void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& listeners,
             columns[uav].add_to(bound, uav, g, w0[row], is_last ? &lows[2 * cell] : nullptr,
                                 &highs[2 * cell]);
         }
-        double* best = &found[row * places];
-        bound.minimise(best);
-        values[row] = bound.constant(best);
+        double* point = &points[row * places];  // v of the row: its start, then its result.
+        bound.minimise(point);
+        values[row] = bound.constant(point);
         for (std::size_t uav = 0; uav < columns.size(); ++uav)
-            values[row] += largest[uav * rows + row] = bound.find_maximum(uav, best);
+            values[row] += largest[uav * rows + row] = bound.find_maximum(uav, point);
     }
 }
 

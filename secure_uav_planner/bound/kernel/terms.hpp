@@ -89,7 +89,9 @@ inline double max_gradient(double low, double high, double altitude) {
 // The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
 inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
 
-// A UAV's links in free space to the ground node and to E eavesdroppers in discs.
+// A UAV's links in free space to the ground node and to E eavesdroppers in discs: `altitude` H,
+// `ground` (2), `eavesdroppers` (E, 2) and `radii` (E) in units; `log_gain` and `log_advantages`
+// (E) in nats. The log SNR at 1 W is log_gain (+ log_advantages[e]) - log(d^2 + H^2).
 struct Links {
     Links(double altitude, double log_gain, const py::buffer& ground,
           const py::buffer& eavesdroppers, const py::buffer& radii,
@@ -107,7 +109,9 @@ struct Links {
 // Functions of one UAV's place and power over cells of its reachable set; see proof/terms.py.
 class Terms {
 public:
-    // Read the arrays that proof/terms.py describes; `group` is the cell of each function.
+    // Read the arrays of M functions over C cells; proof/terms.py describes them. Here a group is a
+    // cell: `group` (M) is the cell of each function. `weight` (M) and `v` (M, E) belong to the
+    // functions; `slope` (C, 2), `curvature` (C, 3), `speed_cost` (C, 6), `margin` (C) to cells.
     Terms(std::shared_ptr<const ReachableSet> region, std::shared_ptr<const Links> links,
           const py::buffer& group, const py::buffer& weight, const py::buffer& v,
           const py::buffer& slope, const py::buffer& curvature, const py::buffer& speed_cost,
@@ -129,7 +133,7 @@ public:
     std::size_t parts() const { return eavesdroppers_ + 2; }
     int dimensions() const { return powers_ ? 3 : 2; }
 
-    // The weight in function k of expansion `part`: w0, then v of each eavesdropper, then 1.
+    // The weight in function k of expansion `part`: w0 for 0, v_e for 1 + e, 1 for E + 1.
     double factor(std::size_t k, std::size_t part) const {
         return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
                          : v_[k * eavesdroppers_ + part - 1];
@@ -236,8 +240,9 @@ private:
         f.ka = f.kb = 2 / q;
     }
 
-    // Fill the expansions in a box of a jammer's -phi(z0), phi(z_e) and price of power, as
-    // functions of its place and pi = log p. `rho` is half the diagonal of the box in the plane.
+    // Fill E + 2 expansions in a box, by a jammer's place and pi = log p: -phi(z0) of the ground
+    // node, phi(z_e) of every eavesdropper, and -lam e^pi, the price of the jammer's power.
+    // `rho` is half the diagonal of the box in the plane.
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
         // Powers in the box are from watts / more to watts * more.
         const double watts = std::exp(box.centre[2]), more = std::exp(box.half[2]);
@@ -308,9 +313,9 @@ private:
         f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
     }
 
-    // Add the expansion of u . q + q . S q / 2 + t0 |t + T q|, and the margin for rounding. u is the
-    // row of `slope_`, S of `curvature_`, and (t0, t, T) of `speed_cost_`. `rho` is half the
-    // diagonal of the box in the plane.
+    // Add to `f` the expansion of u . q + q . S q / 2 + t0 |t + T q|, and the margin for rounding.
+    // u is the cell's row of `slope_`, S its row of `curvature_`, and (t0, t, T) its row of
+    // `speed_cost_`. `rho` is half the diagonal of the box in the plane.
     void add_potential(std::size_t group, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
         const double *u = &slope_[2 * group], *s = &curvature_[3 * group];

@@ -55,21 +55,21 @@ def entropy(*weights: Array) -> Array:
     Return the entropy H of a distribution of weights w_1, w_2, .. and their rest, in nats.
 
     Lemma 1. Let z0 be the logarithm of the SINR at the ground node, and z_e the logarithm of the
-    SINR at place e. With colluding eavesdroppers all places of one disc form a listener; otherwise
-    all places of all discs form a single listener.
-    The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of listener j: only the worst
+    SINR at place e. With colluding eavesdroppers all places of one disc form an adversary;
+    otherwise all places of all discs form a single adversary.
+    The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of adversary j: only the worst
     place of a disc counts, so places of one disc do not add up. With phi(z) = log(1 + e^z),
 
         log(1 + sum_j exp(y_j)) = max over w >= 0, sum_j w_j <= 1 of sum_j w_j y_j + H(w),
 
     attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)): the logarithm is concave, so w_0 log(1 /
     w_0) + sum_j w_j log(exp(y_j) / w_j), with w_0 = 1 - sum_j w_j, is at most the logarithm of the
-    mean. For one listener this is phi(z) = max over w of w z + H(w). For every v >= 0 with s =
-    sum_e v_e <= 1 let H(v) be the entropy of the sums w_j of v over every listener. Then
+    mean. For one adversary this is phi(z) = max over w of w z + H(w). For every v >= 0 with s =
+    sum_e v_e <= 1 let H(v) be the entropy of the sums w_j of v over every adversary. Then
 
         log(1 + sum_j exp(y_j)) >= sum_e v_e z_e + H(v),
 
-    as w_j y_j >= sum of v_e z_e over listener j. Hence, for any v(w0) >= 0 with s(w0) <= w0, the
+    as w_j y_j >= sum of v_e z_e over adversary j. Hence, for any v(w0) >= 0 with s(w0) <= w0, the
     rate of a slot is
 
         phi(z0) - log(1 + sum_j exp(y_j))
@@ -189,7 +189,7 @@ def certify(team: Team, multipliers: Multipliers,
 
 def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
     """
-    Return w0 (K, C) in [1e-12, 1], and v (K, C, E), not negative and with a sum below w0.
+    Return w0 (K, C) clipped to [1e-12, 1], and v (K, C, E) >= 0 scaled so that sum v < w0.
 
     :raises AssertionError: unless w0 rises to 1.
     """
@@ -204,7 +204,7 @@ def _make_valid(multipliers: Multipliers) -> tuple[Array, Array]:
 
 def bound_silence(potential: Potential, cells: Cells, cell: Index, incumbents: Array,
                   stop: Callable[[], bool]) -> Array:
-    """Return upper bounds of a silent UAV's term, its potential, in given cells, (M,) in nats."""
+    """Return upper bounds of a silent UAV's term (w0 = 0, v = 0) in cells, (M,) in nats."""
     none = np.zeros((len(cell), len(potential.region.radii)))
     return Terms(potential, cells, cell, none[:, 0], none).bound_maxima(incumbents, stop)
 
@@ -225,10 +225,10 @@ def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: 
                 silent: Array, weights: Array, v: Array, price: float, incumbents: Array,
                 stop: Callable[[], bool]) -> Array:
     """
-    Return upper bounds of M_i at (w0, v) in given cells, (M,) in nats.
+    Return upper bounds of M_i, UAV i's largest term at (w0, v) in given cells, (M,) in nats.
 
-    A jammer's powers below FLOOR / (its largest gain) are covered by one term: at these powers
-    the potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
+    A jammer's powers below FLOOR / (its largest gain) are not searched: there its term is at most
+    silent + log(1 + FLOOR) sum of v + a margin for rounding.
 
     :param uav: index i of the UAV.
     :param cell: indices of the cells, (M,).
@@ -258,13 +258,13 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Arr
     x = x * x * (3 - 2 * x)
 
     def interpolate(at_zero: Array, at_breakpoints: Array) -> Array:
-        """Return values at the ends of all pieces, (PIECES + 1, K, C)."""
+        """Return values at the ends of all pieces, (PIECES + 1, K, C), linear in w0."""
         values = np.concatenate([at_zero[None], at_breakpoints])
         return np.asarray(values[:-1] * (1 - x) + values[1:] * x)
 
     zero = np.zeros(len(silent))
     w0, chord = interpolate(zero, weights), interpolate(silent, joint)
-    totals = [interpolate(zero, total) for total in team.sum_listeners(v)]
+    totals = [interpolate(zero, total) for total in team.sum_adversaries(v)]
     convex = chord - entropy(*totals) + maximise_power(
         np.maximum(w0 - sum(totals), 0.0), price, team.regions[0].peak)[0]
     # On each piece the convex part is at most its chord, and at most its larger end.

@@ -135,7 +135,7 @@ class ReachableSet:
                           log_advantages)
 
     def local(self, positions: Array) -> Array:
-        """Return positions (..., 2), given in m, in the UAV's frame and in units."""
+        """Return positions (..., 2) in m as places in the UAV's frame, (..., 2) in units."""
         return np.asarray((positions - self.origin) @ self.axes.T / self.unit)
 
     @cached_property
@@ -143,9 +143,10 @@ class ReachableSet:
         """
         Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
 
-        Across, the reachable set is widest where the circles cross, if they cross between the
-        centres, and else at a centre. The crossing at a has the half width sqrt(r1^2 - a^2). With
-        0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        If the circles cross between start and goal, the reachable set is widest in y there.
+        Otherwise it is as wide as the smaller disc. The crossing at x = a has the half width
+        sqrt(r1^2 - a^2). With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which
+        is added.
         """
         near, far, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
@@ -165,9 +166,10 @@ class ReachableSet:
 
     def _find_cells_in_time(self) -> tuple[Array, Array]:
         """
-        Return the first index of cells reached in time, and one more than the last, (G, 2) each.
+        Return the range of grid cells reached in time: first and one past the last, (G, 2) each.
 
-        A group without a cell that is reached in time has the cells of the least delay.
+        Indices are along x and along y in the SIDE x SIDE grid of the detours. A cell is in time
+        if its _time_deficit is at most 0. If a group has none, the cells of the least.
         """
         late = self._time_deficit()
         in_time = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
@@ -177,7 +179,7 @@ class ReachableSet:
         return np.stack(first, -1), np.stack(end, -1)
 
     def _time_deficit(self) -> Array:
-        """Length by which paths to or from each cell are too long, (G, SIDE, SIDE) in units."""
+        """Return max(path from start - from_start, path to goal - to_goal), (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
@@ -221,7 +223,7 @@ class ReachableSet:
             & self._is_in_time(place, group))
 
     def _is_in_time(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) that detours allow in their group (...)."""
+        """Return True for places (..., 2) in a cell of the detours' grid reached in time."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
         there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
@@ -229,14 +231,19 @@ class ReachableSet:
 
     @cached_property
     def _closest_cells(self) -> NDArray[np.int16]:
-        """For every group and cell the index of the closest allowed cell, (G, SIDE, SIDE, 2)."""
+        """Grid index of the closest cell reached in time, for each cell, (G, SIDE, SIDE, 2)."""
         assert self.detours is not None
         return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
             return_indices=True), 0, -1) for late in self._time_deficit()], np.int16)
 
     def clip(self, place: Array, group: NDArray[np.integer[Any]]) -> Array:
-        """Return places (..., 2) moved into both discs, and into the closest cell in time."""
+        """
+        Return places (..., 2) moved into the reachable set of their group (...), approximately.
+
+        A place is scaled towards the start into the first disc, then towards the goal into the
+        second. With detours, a place not reached in time moves to the closest cell that is.
+        """
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
             length = np.sqrt((offset * offset).sum(-1))
@@ -287,7 +294,7 @@ class ReachableSet:
 
 
 def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
-    """Return A, A at both ends, (2,), and the moves beyond both ends, (2, 2), all in m."""
+    """Return max_move_change, end_move_changes and end_moves of ReachableSet, in m here."""
     uav = scenario.uavs[index]
     if uav.max_acceleration is None:
         return 2 * step, np.array([step, step]), np.zeros((2, 2))
@@ -329,7 +336,7 @@ class Cells:
         return cls(np.arange(len(region.steps)), *region.bounding_box)
 
     def take_part(self, number: int, size: int) -> Cells:
-        """Return one of the parts of `size` cells each that follow each other."""
+        """Return the cells from number * size to (number + 1) * size - 1."""
         part = slice(number * size, (number + 1) * size)
         return Cells(self.group[part], self.low[part], self.high[part])
 
@@ -343,10 +350,12 @@ class Cells:
     def cut(self, chosen: NDArray[np.int64], axis: NDArray[np.int64],
             border: Array) -> Cells:
         """
-        Return all cells, with the chosen ones cut in two; upper parts are appended.
+        Return C + D cells: D chosen cells out of C are cut in two.
+
+        The lower part of a chosen cell keeps its index; the upper parts are appended in order.
 
         :param chosen: indices of cells, (D,).
-        :param axis: the coordinate along which each is cut, (D,).
+        :param axis: 0 to cut at an x, 1 to cut at a y, (D,).
         :param border: the coordinate of each cut, (D,) in units. A border outside a cell moves to
             its edge.
         """
@@ -381,14 +390,14 @@ class Team:
 
     :param groups: groups of the mission's slots.
     :param regions: reachable sets of the transmitter, and of the jammer if there is one.
-    :param listeners: indices of the places of each listener. Only the worst place of a listener
-        counts. All discs together are one listener; of colluding eavesdroppers every disc is one.
-        See certificate.entropy.
+    :param adversaries: for each adversary the indices of its places. An adversary is a group of
+        eavesdroppers' places, and only its worst place counts: one disc with colluding
+        eavesdroppers, otherwise all discs together. See certificate.entropy.
     """
 
     groups: SlotGroups
     regions: tuple[ReachableSet, ...]
-    listeners: tuple[NDArray[np.intp], ...]
+    adversaries: tuple[NDArray[np.intp], ...]
 
     @classmethod
     def of(cls, scenario: Scenario, subset: EavesdropperSubset,
@@ -408,9 +417,9 @@ class Team:
         return cls(groups, regions, tuple(
             np.flatnonzero(owners == owner) for owner in np.unique(owners)))
 
-    def sum_listeners(self, v: Array) -> list[Array]:
-        """Return the sum of v (..., E) over every listener, (...) each."""
-        return [v[..., places].sum(-1) for places in self.listeners]
+    def sum_adversaries(self, v: Array) -> list[Array]:
+        """Return for each adversary the sum of v (..., E) over its places, (...)."""
+        return [v[..., places].sum(-1) for places in self.adversaries]
 
     @property
     def accelerates(self) -> bool:

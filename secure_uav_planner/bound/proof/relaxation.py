@@ -164,16 +164,16 @@ class EavesdropperSubset:
         :param colluding: True if the SINRs of eavesdroppers add up.
         """
         chosen: list[int] = []
-        listener = self.owners if colluding else np.zeros_like(self.owners)
-        largest = np.zeros((listener[-1] + 1, sinrs.shape[1]))
+        adversary = self.owners if colluding else np.zeros_like(self.owners)
+        largest = np.zeros((adversary[-1] + 1, sinrs.shape[1]))
         for _ in range(min(most, len(sinrs))):
-            rest = largest.sum(0) - largest[listener]
-            gain = np.log1p(rest + np.maximum(sinrs, largest[listener])).sum(1)
+            rest = largest.sum(0) - largest[adversary]
+            gain = np.log1p(rest + np.maximum(sinrs, largest[adversary])).sum(1)
             gain[chosen] = -np.inf
             fresh = ~np.isin(self.owners, self.owners[chosen])
             best = int(np.where(fresh | ~fresh.any(), gain, -np.inf).argmax())
             chosen.append(best)
-            largest[listener[best]] = np.maximum(largest[listener[best]], sinrs[best])
+            largest[adversary[best]] = np.maximum(largest[adversary[best]], sinrs[best])
         keep = sorted(chosen)
         return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep],
                                   self.owners[keep])
@@ -206,7 +206,7 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
 
 def find_reference_snrs(scenario: Scenario) -> Array:
     """
-    Return the reference SNRs of the links to the ground node and to an eavesdropper, (2, U).
+    Return each UAV's SNR per W at 1 m to the ground node and to an eavesdropper, (2, U).
 
     An eavesdropper's receiver advantage is not included. Fading with an outage multiplies the gain
     of each link by a constant, its quantile; the lemmas hold for any such constant.

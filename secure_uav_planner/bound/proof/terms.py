@@ -116,7 +116,12 @@ class Potential:
         return np.stack([self.slope[:-1] + change, self.slope[1:] + change])
 
     def constant(self) -> Array:
-        """Return the terms of a slot of every group that do not depend on the place, (G,)."""
+        """
+        Return for a slot of every group the terms without the place, (G,) in nats.
+
+        These are A |w| and, of T_n, either step^2 / 2 max(0, largest eigenvalue of S) or, if all S
+        are 0, the whole step |u + change of w|; within a group both are means over its slots.
+        """
         if self.is_quadratic:
             return np.asarray(self.curvature_cost()[1:] + self.acceleration_cost())
         before, after = self.groups.means
@@ -131,16 +136,22 @@ class Potential:
 
     def speed_cost(self) -> Array:
         """
-        Return the term f |u + S q| of every group as (f, u, S), (G, 6).
+        Return the term step |u + change of w + S q| at the edge after every group, (G, 6).
 
-        For S = 0 these are zeros, because the term is then part of `constant`.
+        A row is (step, u + change of w, S_11, S_12, S_22). If all S are 0, the rows are zeros,
+        because the term is then part of `constant`.
         """
         cost = np.concatenate(
             [self.region.steps[:, None], self.move_slopes[1], self.curvature[1:]], axis=1)
         return cost if self.is_quadratic else 0.0 * cost
 
     def end_cost(self) -> float:
-        """Return T_0(start) + W_0(start) - W_N(goal) - w . d_{N+1} with all tolerances."""
+        """
+        Return the bound's terms of start and goal [nats], with all tolerances; lemmas 2 and 8.
+
+        They are T_0(start) + W_0(start) - W_N(goal) + A |w_1|, and for w = w_{N+1} at the goal
+        max(A_{N+1} - A, 0) |w| - w . d_{N+1}.
+        """
         region = self.region
         miss = 2e-6 / region.unit + 1e-12
         goal = region.distance
@@ -163,7 +174,7 @@ class Potential:
                      + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
     def magnitude(self) -> Array:
-        """Return an upper bound of the size of the potentials' terms, (G,) in nats, for margin."""
+        """Return (|u| + 2 |w| + |S| (reach + step)) (reach + step) + |constant|, (G,) in nats."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
         slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)

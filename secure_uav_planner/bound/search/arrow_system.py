@@ -84,8 +84,9 @@ class ArrowSystem:
         """
         Return the Hessians of groups (G, F, F) and edges (G + 1, U P, U P) with damping.
 
-        The variance adds c |x_{g+1} - x_g|^2 / 2 for the potentials x at a group's edges, and
-        c |x|^2 / 2 at both ends, where c is the variance times the group's sharpness.
+        With c = damping * sharpness of a group, c |x_after - x_before|^2 / 2 is added for the
+        potentials x at its edges, and c |x|^2 / 2 at the first and the last edge. The diagonal of
+        v is multiplied by 1 + damping.
         """
         before, v, after, _ = self.layout
         identity = np.eye(self.edge_gradient.shape[1])

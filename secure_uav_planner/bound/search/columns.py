@@ -100,7 +100,7 @@ class Columns:
     @staticmethod
     def choose(parts: list[Columns], number: NDArray[np.intp]) -> Columns:
         """
-        Return columns that each group takes from one of several Columns of equal size.
+        Return columns (G, C) whose row g is row g of parts[number[g]]; all parts are (G, C).
 
         :param number: for each group the index of its Columns in `parts`, (G,).
         """
@@ -110,9 +110,9 @@ class Columns:
 
     def spread(self, group: NDArray[np.intp], groups: int) -> Columns:
         """
-        Gather these columns, (M, 1), by their groups: return columns (G, C).
+        Return columns (G, C) made of these columns (M, 1): row g has the columns of group g.
 
-        C is the largest number of columns of a group. Groups with fewer repeat their last one.
+        C is the largest number of columns in a group. Rows with fewer repeat their last column.
 
         :param group: group of each column, (M,); every group occurs.
         :param groups: G.
@@ -126,7 +126,7 @@ class Columns:
 
     @staticmethod
     def concatenate(parts: list[Columns]) -> Columns:
-        """Return the columns of several Columns in one."""
+        """Return the columns of several Columns (G, C_i) side by side, (G, sum of C_i)."""
         return Columns(*(np.concatenate([getattr(part, name) for part in parts], 1)
                          for name in ('place', 'power', 'ground', 'leaks')))
 
@@ -218,7 +218,9 @@ class ColumnPool:
     @staticmethod
     def choose(pools: list[ColumnPool], number: NDArray[np.intp]) -> ColumnPool:
         """
-        Return a pool in which each group has the columns of one of several pools of one UAV.
+        Return a pool with the columns of pools[number[g]] in every group g.
+
+        The pools are of one UAV, so they differ only in the columns that rounds added.
 
         :param number: for each group the index of its pool in `pools`, (G,).
         """
@@ -237,7 +239,10 @@ class ColumnPool:
 
     def add_round(self, evaluate: Callable[[Columns], Array]) -> None:
         """
-        Add the best columns for the present multipliers, and improve some by a compass search.
+        Begin a new round: keep the KEPT best columns of the pool, and FRESH improved ones.
+
+        The pool is the table of fixed places and powers, silent places, and improved columns. A
+        compass search improves the best columns at distinct places.
 
         :param evaluate: returns the values of columns, (G, C) in nats, at the search's w0 and v.
         """
@@ -273,10 +278,11 @@ class ColumnPool:
 
     def _select_powers(self, value: Array) -> NDArray[np.intp]:
         """
-        Return the indices of a pool's columns with only the best power at each of the K places.
+        Return indices of columns with one power, the best, for each of the table's K places.
 
-        :param value: values of the table's K P columns, then of other columns, (G, K P + others).
-        :return: (G, K + others).
+        :param value: values of the table's columns, k P + p for place k and power p, then values
+            of other columns, (G, K P + others).
+        :return: indices, (G, K + others); all other columns are kept.
         """
         groups, places, table = len(value), self._grid.shape[1], self._table.power.shape[1]
         powers = table // places

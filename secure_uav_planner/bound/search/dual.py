@@ -141,7 +141,10 @@ class Dual:
 
     def _add_up(self, point: DualPoint, branches: Array, edges: EdgeTerms) -> float:
         """
-        Return the dual function: the terms of groups, average powers, barriers and edges.
+        Return the dual function [nats], N times an estimate of the bound.
+
+        With n slots in a group it is the sum over groups of n tau log sum exp(branch / tau), plus
+        N lam . (average powers), plus the edges' terms, minus the weighted logs of v, slack, lam.
 
         :param branches: value of every branch, (B + 1, G) in nats.
         """
@@ -158,7 +161,7 @@ class Dual:
         return V_BARRIER * (self.tau if point.v.shape[-1] > 1 else 1e-5)
 
     def _add_v_barriers(self, point: DualPoint, gradient: Array, hessian: Array) -> None:
-        """Add the derivatives of the barriers of v and slack, (G, F) and (G, F, F)."""
+        """Add derivatives of slots * (-weight log v - SLACK_BARRIER log(w0 - s)), by unknowns."""
         weight, slack = self._v_barrier(point), self.slack(point.v)
         for cell in range(point.v.shape[1]):
             own, v, rest = self._select_v(point, cell), point.v[:, cell], slack[:, [cell]]
@@ -189,7 +192,11 @@ class Dual:
         return terms
 
     def _add_first_move(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """Add step |g|, or A_0 |g| + g . d_{-1} if A_0 < step; lemma 8 has g = u_0 + w_1."""
+        """
+        Add the first move's bound with g = u_0 + w_1, see lemma 8 in Potential.
+
+        It is step |g|; if A_0 < step, with a velocity given at the start, A_0 |g| + g . d_{-1}.
+        """
         region, at_start = self.team.regions[uav], np.eye(len(self.edge))[0]
         parts = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
         limit = region.end_move_changes[0]
@@ -201,7 +208,7 @@ class Dual:
             terms.add_linear(0, uav, part, region.end_moves[0])
 
     def _add_accelerations(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """Add A |w| at every edge, and -w . d_{N+1} at the goal with the goal's own A."""
+        """Add A |w| at each edge by its weight; at the goal (A_{N+1} - A)+ |w| - w . d_{N+1}."""
         region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
         excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)
@@ -256,17 +263,17 @@ class Dual:
         """
         best, _ = maximise_power(self.weight - v.sum(-1), price, self.team.regions[0].peak)
         return np.asarray(
-            best - entropy(*self.team.sum_listeners(v)) + entropy(self.weight))
+            best - entropy(*self.team.sum_adversaries(v)) + entropy(self.weight))
 
     def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
                                hessian: Array) -> None:
         """
         Add the derivatives of _find_sending to a gradient (G, F) and a Hessian (G, F, F).
 
-        With the best power p, and t the sum of v of a place's listener, they are
+        With the best power p, and t the sum of v of a place's adversary, they are
 
             by v      log t - log(1 - s) - log p;  by lam  -p,
-            by v, v   1 / (1 - s), and 1 / t for places of one listener,
+            by v, v   1 / (1 - s), and 1 / t for places of one adversary,
 
         and where p = (w0 - s) / lam is below the peak also 1 / (w0 - s) by v and v, 1 / lam by v
         and lam, and (w0 - s) / lam^2 by lam and lam.
@@ -280,7 +287,7 @@ class Dual:
         gradient[:, own] = -np.log(power * rest)[:, None]
         gradient[:, at_price] = -power
         hessian[:, own, own] = (1 / rest + is_inner / slack)[:, None, None]
-        for places, total in zip(self.team.listeners, self.team.sum_listeners(v)):
+        for places, total in zip(self.team.adversaries, self.team.sum_adversaries(v)):
             at = own.start + places
             gradient[:, at] += np.log(total)[:, None]
             hessian[:, at[:, None], at] += (1 / total)[:, None, None]
@@ -309,8 +316,10 @@ class BranchTerms:
 
     def add_columns(self, branch: int, uav: int, own_v: slice, columns: dict[str, Any]) -> None:
         """
-        Add the smoothed maxima of a UAV's columns to a branch.
+        Add tau log sum exp(value / tau) over a UAV's columns, in each group, to a branch.
 
+        :param branch: index of the branch; the last is silence.
+        :param uav: index of the UAV.
         :param own_v: slice of the branch's v in a group's unknowns.
         :param columns: the columns, by pack_columns.
         """

@@ -41,7 +41,7 @@ LEAST_SHARE = 0.02
 """Number added to the share of every eavesdropper's place in the first v."""
 
 SHARPNESS = 8.0
-"""Exponent of the SINR in the shares of one listener's places in the first v."""
+"""Exponent of the SINR in the shares of one adversary's places in the first v."""
 
 WORTHLESS = 1e6
 """Size of the value [nats] of a column outside its cell."""
@@ -163,7 +163,7 @@ class MultiplierSearch:
                              self.point.v[:, cell])
 
     def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
-        """Return columns in which places of the last UAV outside a cell are worth nothing."""
+        """Return columns with `ground` -WORTHLESS at places of the last UAV outside a cell."""
         if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
             return columns
         inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
@@ -250,11 +250,11 @@ class MultiplierSearch:
 
     def _descend(self, dual: Dual) -> float:
         """
-        Take a Newton step, damped until it pays; return the slope along it, or 0 without a step.
+        Take a damped Newton step; return the dual function's slope along it (<= 0), 0 without it.
 
-        A step pays if it lowers the dual function by a tenth of length times slope. The lengths
-        1, 0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve. The next step
-        begins with the damping of this one.
+        A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
+        0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve, up to
+        MAX_DAMPING. The next step begins with the accepted damping.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -278,7 +278,7 @@ class MultiplierSearch:
 
 
 def _find_constant(potential: Potential) -> Array:
-    """Return the part of a potential's term that values of columns leave out, (G,) in nats."""
+    """Return A |w|, plus the curvature's cost if quadratic: what columns leave out, (G,)."""
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
 
@@ -305,9 +305,10 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
     w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
-    The sum is divided among places by their SINR: between listeners in proportion, among the
-    places of one listener by the SINR's power SHARPNESS. Measured: with v in equal shares, bounds
-    of missions with several eavesdroppers are up to 2.8% above the plan instead of 0.1%.
+    v_e is in proportion to (adversary's largest SINR) (SINR_e^k / sum of SINR^k over the
+    adversary's places), with k = SHARPNESS; see _find_place_shares.
+    Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
+    above the plan instead of 0.1%.
 
     :param places: places of each UAV in its frame, (G, 2) in units.
     :param watts: powers of the UAVs, (U, G), above 0 for the transmitter.
@@ -321,8 +322,8 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     z0, ze = (np.log(np.maximum(compute_sinr(np.array(received)), 1e-9))
               for received in (ground, leaks))
     weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-    # The largest log SINR of each listener, (G, number of listeners).
-    largest = np.stack([ze[:, index].max(-1) for index in team.listeners], -1)
+    # The largest log SINR of each adversary, (G, number of adversaries).
+    largest = np.stack([ze[:, index].max(-1) for index in team.adversaries], -1)
     leak = sigmoid(np.logaddexp.reduce(largest, -1))
     prices = np.array([FIRST_PRICE, JAMMER_PRICE])[:len(watts)]
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
@@ -334,16 +335,18 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
 def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
-    Return a weight of each place, (G, E), larger for louder places and at least LEAST_SHARE.
+    Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
+
+    The shares of a group add up to 1. suggest_multipliers states how they depend on the SINRs.
 
     :param ze: log SINR at the places, (G, E).
-    :param largest: largest log SINR of each listener, (G, number of listeners).
+    :param largest: largest log SINR of each adversary, (G, number of adversaries).
     """
     share = np.empty_like(ze)
-    for index, loudest in zip(team.listeners, largest.T):
-        in_listener = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
-        of_listener = np.exp(loudest - largest.max(-1))[:, None]
-        share[:, index] = in_listener / in_listener.sum(-1, keepdims=True) * of_listener
+    for index, loudest in zip(team.adversaries, largest.T):
+        in_adversary = np.exp(SHARPNESS * (ze[:, index] - loudest[:, None]))
+        of_adversary = np.exp(loudest - largest.max(-1))[:, None]
+        share[:, index] = in_adversary / in_adversary.sum(-1, keepdims=True) * of_adversary
     return share / share.sum(-1, keepdims=True) + LEAST_SHARE
 
 
@@ -379,7 +382,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
 def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cells,
                         weights: Array, v: Array, incumbents: Array) -> None:
     """
-    Add to bounds the best column of each UAV for every breakpoint and cell.
+    Add to `bounds` a column of each UAV that is better than the incumbent, for every (K, C).
 
     :param weights: w0, (K, C).
     :param v: eavesdropper multipliers, (K, C, E).
@@ -393,7 +396,7 @@ def _add_better_columns(bounds: SlotBounds, search: MultiplierSearch, cells: Cel
 
 
 def _find_silent_maxima(search: MultiplierSearch, cells: Cells) -> Array:
-    """Return the largest value of each UAV's silent columns in each cell, (U, C) in nats."""
+    """Return the largest value of each UAV's silent columns in each of C cells, (U, C) in nats."""
     pools = search.pools[0]
     values = [search.evaluate(i, pool.silent)[cells.group] for i, pool in enumerate(pools)]
     # Only the last UAV is restricted to cells.

@@ -31,7 +31,7 @@ class SlotBounds:
     They estimate the certificate's bounds from below and prove nothing.
 
     :param team: the UAVs.
-    :param columns: columns of each UAV, and their values without w0 and v, (G, C) in nats.
+    :param columns: for each UAV its columns, and their values without w0 and v, (G, C) in nats.
     :param price: lam of the transmitter, the multiplier of its average power [nats per W].
     :param raise_if_over: called before every block of cells; an error that it raises ends the
         search.
@@ -39,26 +39,32 @@ class SlotBounds:
 
     def __init__(self, team: Team, columns: list[tuple[Columns, Array]], price: float,
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
+        """
+        Begin with the columns of each UAV, a place and a power each, and their values (G, C).
+
+        `price` is the transmitter's multiplier lam of its average power [nats per W].
+        """
         self._team, self._price, self._raise_if_over = team, price, raise_if_over
         self._columns = [_arrange(*part) for part in columns]
-        # Number of the listener to which each place belongs, (E,).
-        self._listeners = np.zeros(len(team.regions[0].radii), np.int64)
-        for number, places in enumerate(team.listeners):
-            self._listeners[places] = number
+        # Index of the adversary to which each place belongs, (E,).
+        self._adversaries = np.zeros(len(team.regions[0].radii), np.int64)
+        for number, places in enumerate(team.adversaries):
+            self._adversaries[places] = number
 
     def add(self, uav: int, columns: Columns, base: Array) -> None:
-        """Add columns of a UAV, and their values without w0 and v, (G, C) in nats."""
+        """Add columns of a UAV; `base` (G, C) in nats are their values at w0 = 0 and v = 0."""
         self._columns[uav] = tuple(np.concatenate(parts, 1) for parts in zip(
             self._columns[uav], _arrange(columns, base)))
 
     def minimise(self, weights: Array, cells: Cells, ratio: Array) -> tuple[Array, Array, Array]:
         """
-        Minimise the bounds over v approximately.
+        Minimise over v, approximately, the bound at each of K w0 in each cell.
 
-        :param weights: w0, (K, C).
-        :param cells: C cells of the last UAV.
+        :param weights: w0, (K, C), with K values for each cell.
+        :param cells: C cells of the last UAV; each belongs to one group of slots.
         :param ratio: v / w0 where each search for v begins, (C, E) or (K, C, E).
-        :return: v (K, C, E), the UAVs' terms at v (U, K, C), and the bounds at v (K, C), in nats.
+        :return: v (K, C, E), the largest value of each UAV's columns (U, K, C) in nats, and the
+            bounds without H(w0) (K, C) in nats.
         """
         v = ratio * weights[..., None]
         terms, bounds = np.empty((len(self._columns), *weights.shape)), np.empty(weights.shape)
@@ -69,7 +75,7 @@ class SlotBounds:
                 cells.group[block], cells.low[block], cells.high[block], weights[:, block],
                 v[:, block], terms[..., block], bounds[:, block])]
             core.minimise_slot_bounds(
-                self._columns, self._listeners, self._price, self._team.regions[0].peak, *parts)
+                self._columns, self._adversaries, self._price, self._team.regions[0].peak, *parts)
             v[:, block], terms[..., block], bounds[:, block] = parts[4:]
         return v, terms, bounds
 
@@ -95,6 +101,6 @@ class SlotBounds:
 
 
 def _arrange(columns: Columns, base: Array) -> tuple[Array, ...]:
-    """Return the kernel's arrays of columns and of their values `base` without w0 and v."""
+    """Return (place, base, ground, leaks), where base + w0 ground + v . leaks is a value."""
     return tuple(np.ascontiguousarray(values) for values in (
         columns.place, base, columns.ground, columns.leaks))

@@ -278,7 +278,7 @@ def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians:
 def evaluate_columns(columns: Arguments, values: Array) -> None:
     """Fill the values of a UAV's columns, (G, C)."""
 
-def minimise_slot_bounds(columns: Sequence[tuple[Array, ...]], listeners: Indices,
+def minimise_slot_bounds(columns: Sequence[tuple[Array, ...]], adversaries: Indices,
                          price: float, peak: float, group: Indices, low: Array, high: Array,
                          weights: Array, v: Array, maxima: Array, bounds: Array) -> None:
     """
@@ -286,7 +286,7 @@ def minimise_slot_bounds(columns: Sequence[tuple[Array, ...]], listeners: Indice
 
     :param columns: for each UAV a tuple: places (G, C, 2), values without w0 and v (G, C), factors
         of w0 (G, C) and factors of v (G, C, E).
-    :param listeners: index of the listener of each of E places, (E,).
+    :param adversaries: index of the adversary of each of E places, (E,).
     :param price: price of the transmit power.
     :param peak: peak of the transmit power [W].
     :param group: group of every cell of the last UAV, (C',).
