@@ -41,9 +41,9 @@ class WorkingNode(Node):
 
     def find_longest_step(self) -> float:
         """
-        Return the longest time [s] since the last call by a clock that has not jumped ahead.
+        Return the largest step [s] of the node's clock since the last call without a jump ahead.
 
-        Called right before the clock is read.
+        It is speed * (real time since the last call) + error; call it right before the clock.
         """
         before, self._clock_read = self._clock_read, time.monotonic()
         speed, error = _SIMULATED_CLOCK if is_simulated(self) else _REAL_CLOCK

@@ -135,7 +135,11 @@ class PoseBook:
 
     def follow_clock(self, now: float, longest: float = math.inf) -> None:
         """
-        Note the time, and invalidate all poses if the clock has jumped.
+        Note the time [s], and no longer use the poses from before a jump of the clock.
+
+        A clock that goes back by more than _LEAST_JUMP has jumped: all poses are deleted. A clock
+        that goes ahead by more than `longest` has jumped: poses measured before now - longest are
+        kept but not used.
 
         :param longest: longest step [s] since the last call that is not a jump ahead.
         """
@@ -166,7 +170,12 @@ class PoseBook:
         self._poses[topic] = pose
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
-        """Note a position; return the mean velocity of the last second [m/s], or None."""
+        """
+        Note a position (x, y) [m]; return the mean velocity [m/s] since an earlier one, or None.
+
+        The earlier one is the oldest of the last _LONGEST_BASE; None if it is not
+        _SHORTEST_BASE old.
+        """
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
         if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
@@ -215,7 +224,11 @@ class PoseBook:
 
     def usable_pose(self, name: str, settings: PlannerSettings, now: float
                     ) -> KnownPose | None:
-        """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""
+        """
+        Return the usable pose of a UAV or receiver, or None.
+
+        Odometry is preferred unless it is more than _ODOMETRY_LAG [s] older than the other pose.
+        """
         self.follow_clock(now)
         odometry, pose = (
             None if self.problem(topic, settings, now) else self._poses.get(topic)

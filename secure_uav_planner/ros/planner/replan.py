@@ -103,7 +103,11 @@ class Remainder(NamedTuple):
             plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
 
     def date(self, plan: Plan) -> Plan:
-        """Return the new plan with the promise that its predicted receivers allow."""
+        """
+        Return the new plan with a promise until the receivers' predictions end.
+
+        The promise holds if plan time t is flown at start + promise_delay + t / promise_speed.
+        """
         until, clock = self.receivers.promised_until, self.clock
         if until is None:
             return plan
@@ -111,7 +115,13 @@ class Remainder(NamedTuple):
                        promise_delay=clock.to_clock(0.0) - start_of(plan) * 1e-9)
 
     def find_rejoin(self) -> Rejoin:
-        """Return the beginning of the replan, or raise an InfeasibleMissionError."""
+        """
+        Return the Rejoin of a new path that meets the UAVs at their predicted states.
+
+        If no path meets these states, the new path begins on the plan in flight.
+
+        :raises InfeasibleMissionError: if no path meets the states and the rule must meet them.
+        """
         try:
             return find_rejoin(
                 self.plan, self.first, self.states, self.settings.track_tolerance, self.updated)
@@ -126,7 +136,8 @@ class Remainder(NamedTuple):
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
-        if flight.time + DELIVERY_S * flight.time_scale > rejoin.effect:
+        time_at_delivery = flight.time + DELIVERY_S * flight.time_scale
+        if time_at_delivery > rejoin.effect:
             raise LateError('replan: the new plan came after the moment it was to take effect; '
                             'a longer replan_lead gives it more time')
 
@@ -143,8 +154,11 @@ class Replanning:
 
     def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
         """
-        Return the Rule by which the rest of the mission is to be planned again, or None.
+        Return the first Rule that is due in the flight, or None.
 
+        None is due while the flight is held or changes its speed, or before `last` is flown.
+
+        :param last: the newest plan, which may start later than the plan in flight.
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
@@ -153,7 +167,7 @@ class Replanning:
             return None
         plan = flight.playback.plan
         if plan.start_ns != last.start_ns:
-            return None  # The last plan has not begun.
+            return None  # The newest plan has not begun.
         if self._first_point(flight, settings) >= plan.scenario.slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
             return None  # The mission ends before the effect, or poses are missing.
@@ -191,9 +205,11 @@ class Replanning:
 
     def is_uav_off(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a UAV is beyond replan_deviation, or will be if its relay stops it.
+        Return True if a UAV is farther than replan_deviation from its plan.
 
-        A UAV has the lead to come back, unless its relay has stopped it since the last replan.
+        For a UAV that its relay stops, the distance after replan_lead counts. For replan_lead
+        after a replan the answer is False, so that UAVs can come back to their plan, unless a
+        relay has stopped or released a UAV since.
         """
         most, lead = settings.replan_deviation, settings.replan_lead
         if not most or flight.state != 'flying' or self._is_recent(settings, now) and (
@@ -208,9 +224,10 @@ class Replanning:
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if rules with predictions must wait for replan_lead after the last plan.
+        Return True if rules that compare predicted receivers must not be due yet.
 
-        They wait after a failed replan, and if receivers are predicted.
+        They wait for replan_lead after the last plan or failed replan, if that replan failed or
+        if a receiver moves on a track.
         """
         return self._is_recent(settings, now) and (
             self._has_failed or flight.playback.plan.scenario.has_tracks)
