@@ -113,7 +113,7 @@ def _overrides(node: Node) -> dict[str, Parameter]:
 
 def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **given: Any
                   ) -> Kind:
-    """Return settings: field f is given[f] if given, or else the parameter `prefix` + f."""
+    """Return settings with `given` fields; any other field f is the parameter `prefix` + f."""
     return kind(**given, **{
         entry.name: tuple(value) if isinstance(value, list) else value
         for entry in fields(kind) if entry.name not in given  # type: ignore[arg-type]

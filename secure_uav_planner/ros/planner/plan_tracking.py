@@ -72,7 +72,7 @@ class PlanTracking:
         Use a follower's report of its plan's time, which arrived at a time of the clock [s].
 
         A report on an untracked plan only tells that such a plan is flown. Another follower is
-        ignored until the first is silent, or has no flight under way while the other has one.
+        ignored until the first is silent, or until the other alone is flying or held.
         """
         clock_ns, plan_ns = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock_ns * 1e-9
@@ -119,9 +119,8 @@ class PlanTracking:
         """
         Return the Flight at a time [s], or None before any report on a tracked plan.
 
-        The newest plan is the one in flight as soon as it is published, if it has the start time
-        of the reported plan. If the follower still reports the old plan ADOPTION_GRACE later, the
-        old plan is the one in flight.
+        A newest plan with the start time of the reported plan is in flight from its publication.
+        If the follower still reports the old plan ADOPTION_GRACE later, the old plan is in flight.
         """
         reports, now_ns = self._reports, round(now * 1e9)
         if reports is None or reports.identity not in self._plans:
@@ -254,9 +253,9 @@ class PlanTracking:
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
         """
-        Return the state of each UAV to plan from; None if it is unknown or not to be used.
+        Return the state of each UAV to plan from; None if unknown or if use_pose is false.
 
-        A UAV `is_held` if its relay stops it, or if it brakes instead of returning to its plan.
+        A state `is_held` if the UAV's relay stops it, or if the UAV does not return to its plan.
         """
         states = [self._state(name, flight, settings, now) if uav.use_pose else None
                   for name, uav in settings.uavs.items()]
@@ -367,7 +366,7 @@ class PlanTracking:
                  f'{most:g} m' for name, distance in distances.items() if distance > most]
 
     def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
-        """Return the problems of the flight in words, and the flight as the status shows it."""
+        """Return the problems of the flight in words, and the TrackStatus for `planner/status`."""
         flight = self.flight(now)
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [
@@ -429,9 +428,9 @@ def _promise_end(plan: Plan) -> float:
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """
-    Check that a flight has continued at its time_scale for some s since a plan was asked for.
+    Check that now.time = before.time + before.time_scale * elapsed, within _SAME_TIME, in s.
 
-    :raises LateError: if it was paused, released or replaced since.
+    :raises LateError: if the flight was paused, released or replaced in the time `elapsed` [s].
     """
     if before is None or not (before.is_reported and before.is_under_way):
         return

@@ -120,7 +120,7 @@ class PoseBook:
         try:
             if message.header.frame_id != settings.frame_id:
                 message = self._transform(message, settings.frame_id)
-            pose = read_pose(message, settings, now, name not in settings.uavs)
+            pose = read_pose(message, settings, now, is_receiver=name not in settings.uavs)
             if now < pose.stamp < now + most_lag:
                 pose = replace(pose, received=pose.stamp)
             if name in settings.uavs:
@@ -171,10 +171,9 @@ class PoseBook:
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
         """
-        Note a position (x, y) [m]; return the mean velocity [m/s] since an earlier one, or None.
+        Note a position; return the mean velocity [m/s] since the oldest of the last second.
 
-        The earlier one is the oldest of the last _LONGEST_BASE; None if it is not
-        _SHORTEST_BASE old.
+        None without a position that is _SHORTEST_BASE to _LONGEST_BASE [s] older.
         """
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
@@ -187,10 +186,10 @@ class PoseBook:
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """
-        Return advice, once, about an eavesdropper that is planned as standing and moves.
+        Return a warning, once, about an eavesdropper that moves and is planned as stationary.
 
-        It has left the disc of its first pose if the discs of _OUTSIDE poses in a row do not
-        meet this disc.
+        The eavesdropper moves if the discs of _OUTSIDE poses in a row do not meet the disc of the
+        first pose.
         """
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]

@@ -32,7 +32,7 @@ class Receivers(NamedTuple):
         no receiver moves by an estimate.
     :ivar notes: what an operator should know of each receiver, by its name.
     :ivar scheduled: names of the receivers that move on their tracks in the mission file, whose
-        times count from point 0; the tracks of the others follow the clock.
+        times count from point 0. Predicted tracks follow the clock.
     """
 
     fields: dict[str, Any]
@@ -59,7 +59,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     """
     Return the Receivers, predicted until a horizon or the end of the flight.
 
-    A receiver with a usable pose goes on from it. Any other follows its mission file's track.
+    A receiver starts at its usable pose. Without one, it moves on its track in the mission file.
 
     :param now: time of the clock [s].
     :param clock: clock of the plan, whose time_scale is not 0.

@@ -98,7 +98,7 @@ class Remainder(NamedTuple):
         rejoin = self.find_rejoin()
         plan = self.date(rejoin.splice(
             job.solve(rejoin.scenario, self.settings, self.time_limit, rejoin.tail)))
-        begin = (rejoin.first + 1) * plan.scenario.slot_duration
+        begin = (rejoin.first + 1) * plan.scenario.slot_duration  # Time of point first + 1.
         return Replanned(
             plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
 
@@ -136,8 +136,7 @@ class Remainder(NamedTuple):
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
-        time_at_delivery = flight.time + DELIVERY_S * flight.time_scale
-        if time_at_delivery > rejoin.effect:
+        if flight.time + DELIVERY_S * flight.time_scale > rejoin.effect:
             raise LateError('replan: the new plan came after the moment it was to take effect; '
                             'a longer replan_lead gives it more time')
 
@@ -187,9 +186,9 @@ class Replanning:
 
     def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a receiver is not where the plan expects it, and the rule need not wait.
+        Return True if has_moved is true of the receivers and the rule need not wait.
 
-        With replan_period alone, only a moving eavesdropper that has left its disc counts.
+        With replan_distance 0, only a moving eavesdropper that has left its disc counts.
         """
         distance = settings.replan_distance
         if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
@@ -267,13 +266,13 @@ class Replanning:
             name for name, uav in settings.uavs.items() if uav.use_pose)
 
     def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
-        """Return the last point of a flight that a replan begun now must keep."""
+        """Return the index of the last point of the path that is kept by a replan begun now."""
         return find_first_point(flight.playback.plan.scenario,
                                 flight.time + settings.replan_lead * flight.time_scale)
 
     def _update(self, flight: Flight, settings: PlannerSettings, now: float
                 ) -> tuple[Scenario, Receivers]:
-        """Return the scenario of a flight with the present receivers, and the Receivers."""
+        """Return the flight's scenario with newly predicted receivers, and these Receivers."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),
             flight.playback.duration)

@@ -109,8 +109,8 @@ class StartTime:
         """
         Return the error of a solve, or a TimeLimitError that says to set a longer start_delay.
 
-        The latter replaces a TimeLimitError if the plan's effect, and not the parameter
-        time_limit, set the limit.
+        A TimeLimitError is replaced if the plan's effect, and not the parameter time_limit, set
+        the limit.
         """
         limit = self.time_limit(None)
         if not isinstance(error, TimeLimitError) or limit is None or (
@@ -122,7 +122,7 @@ class StartTime:
             'start_delay, and in flight a longer replan_lead')
 
     def point_0_ns(self, now_ns: int) -> int:
-        """Return the time of point 0 [ns] of a plan that is solved at a time now_ns."""
+        """Return the clock's time of point 0 [ns] of a plan whose solve ends at now_ns."""
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
