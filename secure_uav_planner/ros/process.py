@@ -104,7 +104,7 @@ def spin(node: WorkingNode, stop: threading.Event) -> tuple[bool, BaseException 
     """
     Run the callbacks of a node until an event, then close the node.
 
-    :return: whether no work is left, and the error if the context has become invalid.
+    :return: True if close() left no thread at work; the error of an invalid context, or None.
     """
     # A MultiThreadedExecutor polls tasks until their threads begin, and so blocks these threads.
     executor = SingleThreadedExecutor(context=node.context)

@@ -355,7 +355,7 @@ class PlanTracking:
 
     def _distance_problems(self, flight: Flight, distances: Mapping[str, float],
                            settings: PlannerSettings) -> list[str]:
-        """Return in words which UAVs are farther from their plan than track_tolerance."""
+        """Return in words which UAVs are farther than track_tolerance [m] from their plan."""
         most = settings.track_tolerance
         margin = flight.playback.plan.scenario.tracking_margin
         return [

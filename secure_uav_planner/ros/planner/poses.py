@@ -372,7 +372,7 @@ def _check_range(vector: Any, name: str, allowed: Number) -> None:
 
 
 def _read_velocity(message: Odometry, is_receiver: bool) -> tuple[Point, Array | None]:
-    """Return the velocity in the frame of the header in m/s, with the covariance of a receiver."""
+    """Return velocity (x, y) [m/s] in the header's frame; covariance (2, 2), None for a UAV."""
     speed, covariance = message.twist.twist.linear, message.twist.covariance
     _check_range(speed, 'twist.linear', find_range(Uav, 'max_speed'))
     velocity, facing, turn = (speed.x, speed.y), message.pose.pose.orientation, None

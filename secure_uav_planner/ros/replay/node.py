@@ -350,7 +350,7 @@ class Replay(WorkingNode):
                 if moment.powers.any() else 0.0))
 
     def _tell_promise(self) -> None:
-        """Log when the flight comes into a slot that is not promised, and out of such slots."""
+        """Log when the flight enters slots that are not promised, and when it leaves them."""
         flight = self._flight
         slot, identity = (flight.playback.find_unpromised_slot(flight.time),
                           flight.playback.plan.identity)
