@@ -274,9 +274,9 @@ def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str
 
 
 def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
-    """Return paths, receivers at a time of the plan in s, zones, fence and margin."""
+    """Return paths, receivers at a time [s] from point 0, zones, fence and margin for RViz."""
     scenario = plan.scenario
-    grounds, centres, radii = scenario.receivers_at([time])
+    grounds, centres, radii = scenario.receivers_at([time])  # (G, 1, 2), (E, 1, 2), (E, 1) in m
     points = np.unique(np.linspace(
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
     marks = [Marker(action=Marker.DELETEALL)]

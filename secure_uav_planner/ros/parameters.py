@@ -148,15 +148,20 @@ def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec
 
 
 def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
-    """Return the Spec of a row of the table; the row's field gives missing default and limits."""
+    """
+    Return the Spec of a row; a row with a `field` takes default and limits from this field.
+
+    :param row: keys of Spec, or `field` such as 'Uav.altitude' and `none`, the value for None.
+    :param owners: an object of each class, such as 'Uav', whose field values are the defaults.
+    """
     values: dict[str, Any] = {
         key: tuple(value) if key in ('limits', 'length', 'choices') else value
         for key, value in row.items() if key not in ('field', 'none')}
     if 'field' not in row:
         return Spec(**values)
     kind, _, name = row['field'].partition('.')
-    default, check, none = getattr(owners[kind], name), get_check(
-        type(owners[kind]), name), row.get('none')
+    owner, none = owners[kind], row.get('none')
+    default, check = getattr(owner, name), get_check(type(owner), name)
     if isinstance(check, Number):
         ends = [check.low, check.high] if none is None else [check.low, check.high, none]
         values['limits'] = min(ends), max(ends)
@@ -173,9 +178,9 @@ def _to_value(field: Any, none: Any) -> Any:
 
 def _list_fields(section: str, kind: type) -> Iterator[tuple[str, str, Any]]:
     """
-    Yield the parameters of a section that are fields of a class.
+    Yield the parameters of a section that are fields of a class, each as three values.
 
-    Each comes with the name of the field and the parameter's value for None.
+    They are the parameter's name, the field's name, and the parameter's value that means None.
     """
     for name, row in _TABLE[section].items():
         owner, _, field = row.get('field', '').partition('.')

@@ -41,9 +41,9 @@ class WorkingNode(Node):
 
     def find_longest_step(self) -> float:
         """
-        Return the longest time [s] since the last call by a clock that has not jumped ahead.
+        Return the largest step [s] of the node's clock since the last call without a jump ahead.
 
-        Called right before the clock is read.
+        It is speed * (real time since the last call) + error; call it right before the clock.
         """
         before, self._clock_read = self._clock_read, time.monotonic()
         speed, error = _SIMULATED_CLOCK if is_simulated(self) else _REAL_CLOCK
@@ -104,7 +104,7 @@ def spin(node: WorkingNode, stop: threading.Event) -> tuple[bool, BaseException 
     """
     Run the callbacks of a node until an event, then close the node.
 
-    :return: whether no work is left, and the error if the context has become invalid.
+    :return: True if close() left no thread at work; the error of an invalid context, or None.
     """
     # A MultiThreadedExecutor polls tasks until their threads begin, and so blocks these threads.
     executor = SingleThreadedExecutor(context=node.context)

@@ -83,7 +83,7 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write the setpoints, and the rate where the eavesdropper is at its worst in every slot."""
+    """Write the setpoints, and the secrecy rate for the worst-case eavesdropper of each slot."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
     times = np.arange(0.0, playback.duration, 1.0 / frequency)
@@ -91,6 +91,7 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> 
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
         for topic, message in messages.setpoint_messages(scenario, moment, frame_id, stamp):
             bag.write(_resolved(topic, 'replay'), message, time)
+        # Slot n = 1..N begins at point n; before point 1 the rate is for the place of slot 1.
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
         bag.write('/replay/secrecy_rate', Float64(
             data=playback.secrecy_rate(time, worst[slot])), time)
@@ -135,7 +136,7 @@ class _Bag:
 
 
 def _definition(name: str) -> str:
-    """Return the definition of a type, such as nav_msgs/msg/Path, and of the types in it."""
+    """Return the .msg text of a type such as nav_msgs/msg/Path, then each nested type's text."""
     texts: dict[str, str] = {}
     queue = [name.replace('/msg/', '/')]
     while queue:

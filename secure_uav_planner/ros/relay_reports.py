@@ -116,8 +116,8 @@ class RelayReports:
         """
         Return in words what keeps setpoints from a UAV, or an empty string.
 
-        :param is_under_way: whether a flight needs setpoints to pass. If not, only setpoints that
-            are held or refused are a problem.
+        :param is_under_way: True for a flight that is flying or held, in which every state except
+            'passing' is a problem. If False, only 'holding' and 'refused' are problems.
         """
         state = self.state(uav)
         if state is None or state.is_passing or not (

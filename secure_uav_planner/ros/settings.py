@@ -111,12 +111,12 @@ def _overrides(node: Node) -> dict[str, Parameter]:
     return overrides
 
 
-def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **made: Any
+def read_settings(kind: type[Kind], values: Mapping[str, Any], prefix: str = '', **given: Any
                   ) -> Kind:
-    """Return settings with `made` fields; each other field is the parameter of the same name."""
-    return kind(**made, **{
+    """Return settings with `given` fields; any other field f is the parameter `prefix` + f."""
+    return kind(**given, **{
         entry.name: tuple(value) if isinstance(value, list) else value
-        for entry in fields(kind) if entry.name not in made  # type: ignore[arg-type]
+        for entry in fields(kind) if entry.name not in given  # type: ignore[arg-type]
         for value in [values[prefix + entry.name]]})
 
 

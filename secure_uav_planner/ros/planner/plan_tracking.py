@@ -58,8 +58,9 @@ class PlanTracking:
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
-        """Track a plan that is published now."""
+        """Track a plan published now [s], the last _MOST_PLANS - 1 plans and the reported plan."""
         reported = self._reports.identity if self._reports else None
+        # A plan that is published again moves to the end of the dict, as the newest one.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
@@ -67,29 +68,37 @@ class PlanTracking:
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
-        """Use the report of a follower that arrived at a time [s]."""
-        clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
-        self._last_arrival = now, now - clock * 1e-9
+        """
+        Use a follower's report of its plan's time, which arrived at a time of the clock [s].
+
+        A report on an untracked plan only tells that such a plan is flown. Another follower is
+        ignored until the first is silent, or until the other alone is flying or held.
+        """
+        clock_ns, plan_ns = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
+        self._last_arrival = now, now - clock_ns * 1e-9
         identity, follower = read_plan_time(message)
         last = self._reports
         if identity not in self._plans:
             if self._unknown is None or self._unknown.identity != identity:
                 self._unknown = FollowerReports(follower, identity, 0.0)
-            self._unknown.add(clock, plan)
+            self._unknown.add(clock_ns, plan_ns)
             return
-        if last and follower != last.follower and abs(clock - last.last_ns) <= SILENCE * 1e9 and (
+        is_other = last is not None and follower != last.follower
+        if last and is_other and abs(clock_ns - last.last_ns) <= SILENCE * 1e9 and (
                 self._is_under_way(last.identity, last.plan_ns)
-                or not self._is_under_way(identity, plan)):
-            self._ignored = follower, clock * 1e-9
+                or not self._is_under_way(identity, plan_ns)):
+            self._ignored = follower, clock_ns * 1e-9
             return
         if last is None or (last.follower, last.identity) != (follower, identity):
             # The playback speed is kept, because a follower does not stop between plans.
-            scale = 0.0 if last is None else last.at(clock, 0)[1]
-            is_same_flight = last is not None and last.follower == follower and (
+            scale = 0.0
+            if last is not None:
+                _, scale = last.at(clock_ns, 0)
+            is_same_flight = last is not None and not is_other and (
                 self._start_ns(last.identity) == self._start_ns(identity))
             self._reports = FollowerReports(
                 follower, identity, scale, last if is_same_flight else None)
-        self._followed.add(clock, plan)
+        self._followed.add(clock_ns, plan_ns)
 
     @property
     def _followed(self) -> FollowerReports:
@@ -107,25 +116,30 @@ class PlanTracking:
             playback, (plan_ns - start_of(playback.plan)) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
-        """Return the Flight at a time [s], or None before any report on a tracked plan."""
+        """
+        Return the Flight at a time [s], or None before any report on a tracked plan.
+
+        A newest plan with the start time of the reported plan is in flight from its publication.
+        If the follower still reports the old plan ADOPTION_GRACE later, the old plan is in flight.
+        """
         reports, now_ns = self._reports, round(now * 1e9)
         if reports is None or reports.identity not in self._plans:
             return None
         reported = self._plans[reports.identity]
         newest = next(reversed(self._plans.values()))
-        # A follower flies a new plan of the same flight from its adoption on.
-        is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
+        is_newest = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
-        return Flight(newest if is_adopted else reported,
-                      *reports.at(now_ns, start_of(reported.plan)), reports.is_current(now_ns))
+        time, time_scale = reports.at(now_ns, start_of(reported.plan))
+        return Flight(newest if is_newest else reported, time, time_scale,
+                      reports.is_current(now_ns))
 
     # The promise
 
     def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
         """
-        Return the lateness of a flight in s.
+        Return the delay of a flight behind the schedule of its promise [s]; negative if early.
 
-        :param times_ns: times of the clock and of the plan in a report; by default the last one.
+        :param times_ns: a report: (time of the clock, time of the plan) in ns. None for the last.
         """
         clock_ns, plan_ns = times_ns or (self._followed.last_ns, self._followed.plan_ns)
         start_ns = start_of(flight.playback.plan)
@@ -133,9 +147,10 @@ class PlanTracking:
 
     def check_promise(self, now: float) -> Plan | None:
         """
-        End the promise of the plan in flight if the flight is early or late by PUNCTUAL [s].
+        Return the plan in flight with an ended promise, or None if its promise does not end now.
 
-        Return the plan with the ended promise, or None if no promise ends now.
+        The promise ends if the flight is early or late by more than PUNCTUAL [s]. The receivers
+        that move are then not where the promise takes them to be.
         """
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
@@ -145,12 +160,12 @@ class PlanTracking:
             return None
         time = flight.time
         if self._followed.identity == plan.identity:
-            # The promise ended when the follower reported that it was early or late.
+            # The promise ended at the first report that was early or late, not at this check.
             left_ns = self._followed.find_departure(
                 lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
             time = (left_ns - start_of(plan)) * 1e-9
         ended = plan.end_promise(time)
-        if ended is plan:
+        if ended is plan:  # Its promise had ended before.
             return None
         self._plans[plan.identity] = Playback(ended)
         return ended
@@ -206,18 +221,22 @@ class PlanTracking:
             0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
 
     def check_known(self, now: float) -> None:
-        """Raise a SupersededError while a follower flies a plan that this planner lacks."""
+        """Raise a SupersededError while a follower flies, not holds, a plan unknown here."""
         unknown = self._unknown
-        if unknown and self.unknown_plan(now) and unknown.at(round(now * 1e9), 0)[1] > 0:
+        _, time_scale = unknown.at(round(now * 1e9), 0) if unknown else (0.0, 0.0)
+        if unknown and self.unknown_plan(now) and time_scale > 0:
             raise SupersededError(
                 f'a follower flies plan {unknown.identity}, which this planner does not '
                 'have; end that flight first, as by ~/pause and ~/reset of the replay')
 
     def until_superseded(self, flight: Flight | None, now: float) -> float:
         """
-        Return the time in s until the newest plan takes over from a flight; infinite if none does.
+        Return the time [s] until the newest plan replaces the plan in flight, or infinity.
 
-        :raises LateError: if that is too soon to plan anew from the flight.
+        It is infinite if no plan is flying, if the newest plan has the start time of the plan in
+        flight, or if the newest plan was due more than ADOPTION_GRACE ago.
+
+        :raises LateError: if less than _LEAST_AHEAD [s] is left.
         """
         newest = next(reversed(self._plans.values()), None)
         if newest is None or flight is None or flight.state != 'flying' or (
@@ -234,9 +253,9 @@ class PlanTracking:
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
         """
-        Return the state of each UAV to plan from; None if it is unknown or not to be used.
+        Return the state of each UAV to plan from; None if unknown or if use_pose is false.
 
-        A UAV `is_held` if its relay stops it, or if it brakes instead of returning to its plan.
+        A state `is_held` if the UAV's relay stops it, or if the UAV does not return to its plan.
         """
         states = [self._state(name, flight, settings, now) if uav.use_pose else None
                   for name, uav in settings.uavs.items()]
@@ -247,9 +266,12 @@ class PlanTracking:
     def _state(self, name: str, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> MeasuredState | None:
         """
-        Return the last usable state of a UAV in the time of a flight; without one, of the clock.
+        Return the state of a UAV by its freshest usable pose, or None.
 
-        A pose from before the first report of a flight that has begun gives no state.
+        With a flight, the state's time [s] counts from point 0 of the plan, and its velocity is
+        the measured one divided by the playback speed; None while the flight is held. Without a
+        flight, the time is the clock's. A pose from before the first report of a flight that has
+        begun gives no state, because the plan's time at this pose is unknown.
         """
         pose = self._poses.usable_pose(name, settings, now)
         if pose is None:
@@ -280,7 +302,7 @@ class PlanTracking:
 
     def _offsets(self, flight: Flight | None, settings: PlannerSettings, now: float
                  ) -> dict[str, Array]:
-        """Return the known offsets of UAVs from their plan in m, by name."""
+        """Return measured minus planned position (x, y) [m] of each UAV with a state, by name."""
         if flight is None:
             return {}
         states = {name: self._state(name, flight, settings, now)
@@ -297,27 +319,27 @@ class PlanTracking:
     def predict_distances(self, settings: PlannerSettings, now: float, ahead: float
                           ) -> dict[str, float]:
         """
-        Return the distance of each UAV from its plan in m, by name, where it is known.
+        Return the distance [m] of each UAV with a state from its plan, by name.
 
-        The distance is the present one. For a UAV that its relay stops, it is the one after
-        `ahead` s, when the UAV has braked and its plan has gone on.
+        It is the distance at the measurement. For a UAV that its relay stops, it is the distance
+        `ahead` s from now, between where the UAV stands or brakes and where its plan is then.
         """
         flight, distances = self.flight(now), self.distances(settings, now)
         for index, name in enumerate(settings.uavs):
             state = self._state(name, flight, settings, now)
             if flight is not None and state is not None and self._is_stopped(name):
                 time = flight.time + flight.time_scale * ahead
-                (place,), _ = predict_stop(
+                ((x, y),), _ = predict_stop(
                     state, [time], flight.playback.plan.scenario.uavs[index].max_acceleration)
                 distances[name] = math.hypot(*deviation(
-                    flight.playback, index, MeasuredState(time, (place[0], place[1]))))
+                    flight.playback, index, MeasuredState(time, (x, y))))
         return distances
 
     def observe(self, settings: PlannerSettings, now: float) -> None:
         """
-        Count the measured positions in the achieved rate, and note how the UAVs move.
+        Add the measured positions to the achieved rates, and each state to its UAV's watch.
 
-        Nothing is counted while the position of a UAV is unknown.
+        The rates count a time only if the position of every UAV is known.
         """
         flight = self.flight(now)
         for name in settings.uavs:
@@ -327,12 +349,13 @@ class PlanTracking:
         offsets = self._offsets(flight, settings, now)
         if flight is None or len(offsets) < len(settings.uavs):
             return
+        # Each measured offset from the plan, (U, 2) in m, is taken to be the present one.
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._track.add(flight.playback, flight.time, positions, flight.time_scale)
 
     def _distance_problems(self, flight: Flight, distances: Mapping[str, float],
                            settings: PlannerSettings) -> list[str]:
-        """Return in words which UAVs are farther from their plan than track_tolerance."""
+        """Return in words which UAVs are farther than track_tolerance [m] from their plan."""
         most = settings.track_tolerance
         margin = flight.playback.plan.scenario.tracking_margin
         return [
@@ -343,7 +366,7 @@ class PlanTracking:
                  f'{most:g} m' for name, distance in distances.items() if distance > most]
 
     def status(self, settings: PlannerSettings, now: float) -> tuple[list[str], TrackStatus]:
-        """Return the problems of the flight in words, and the flight as the status shows it."""
+        """Return the problems of the flight in words, and the TrackStatus for `planner/status`."""
         flight = self.flight(now)
         is_under_way = flight is not None and flight.is_under_way
         problems = self._follower_problems(now) + [
@@ -405,9 +428,9 @@ def _promise_end(plan: Plan) -> float:
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """
-    Check that a flight has continued at its time_scale for some s since a plan was asked for.
+    Check that now.time = before.time + before.time_scale * elapsed, within _SAME_TIME, in s.
 
-    :raises LateError: if it was paused, released or replaced since.
+    :raises LateError: if the flight was paused, released or replaced in the time `elapsed` [s].
     """
     if before is None or not (before.is_reported and before.is_under_way):
         return

@@ -120,7 +120,7 @@ class PoseBook:
         try:
             if message.header.frame_id != settings.frame_id:
                 message = self._transform(message, settings.frame_id)
-            pose = read_pose(message, settings, now, name not in settings.uavs)
+            pose = read_pose(message, settings, now, is_receiver=name not in settings.uavs)
             if now < pose.stamp < now + most_lag:
                 pose = replace(pose, received=pose.stamp)
             if name in settings.uavs:
@@ -135,7 +135,11 @@ class PoseBook:
 
     def follow_clock(self, now: float, longest: float = math.inf) -> None:
         """
-        Note the time, and invalidate all poses if the clock has jumped.
+        Note the time [s], and no longer use the poses from before a jump of the clock.
+
+        A clock that goes back by more than _LEAST_JUMP has jumped: all poses are deleted. A clock
+        that goes ahead by more than `longest` has jumped: poses measured before now - longest are
+        kept but not used.
 
         :param longest: longest step [s] since the last call that is not a jump ahead.
         """
@@ -166,7 +170,11 @@ class PoseBook:
         self._poses[topic] = pose
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
-        """Note a position; return the mean velocity of the last second [m/s], or None."""
+        """
+        Note a position; return the mean velocity [m/s] since the oldest of the last second.
+
+        None without a position that is _SHORTEST_BASE to _LONGEST_BASE [s] older.
+        """
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
         if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
@@ -178,10 +186,10 @@ class PoseBook:
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """
-        Return advice, once, about an eavesdropper that is planned as standing and moves.
+        Return a warning, once, about an eavesdropper that moves and is planned as stationary.
 
-        It has left the disc of its first pose if the discs of _OUTSIDE poses in a row do not
-        meet this disc.
+        The eavesdropper moves if the discs of _OUTSIDE poses in a row do not meet the disc of the
+        first pose.
         """
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
@@ -215,7 +223,11 @@ class PoseBook:
 
     def usable_pose(self, name: str, settings: PlannerSettings, now: float
                     ) -> KnownPose | None:
-        """Return the freshest usable pose of a member, or None; odometry may be 1 s older."""
+        """
+        Return the usable pose of a UAV or receiver, or None.
+
+        Odometry is preferred unless it is more than _ODOMETRY_LAG [s] older than the other pose.
+        """
         self.follow_clock(now)
         odometry, pose = (
             None if self.problem(topic, settings, now) else self._poses.get(topic)
@@ -360,7 +372,7 @@ def _check_range(vector: Any, name: str, allowed: Number) -> None:
 
 
 def _read_velocity(message: Odometry, is_receiver: bool) -> tuple[Point, Array | None]:
-    """Return the velocity in the frame of the header in m/s, with the covariance of a receiver."""
+    """Return velocity (x, y) [m/s] in the header's frame; covariance (2, 2), None for a UAV."""
     speed, covariance = message.twist.twist.linear, message.twist.covariance
     _check_range(speed, 'twist.linear', find_range(Uav, 'max_speed'))
     velocity, facing, turn = (speed.x, speed.y), message.pose.pose.orientation, None

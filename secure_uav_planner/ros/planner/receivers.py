@@ -31,7 +31,8 @@ class Receivers(NamedTuple):
     :ivar promised_until: time of the plan in s until which estimates are predicted, or None where
         no receiver moves by an estimate.
     :ivar notes: what an operator should know of each receiver, by its name.
-    :ivar scheduled: names of the receivers that move in the time of the plan.
+    :ivar scheduled: names of the receivers that move on their tracks in the mission file, whose
+        times count from point 0. Predicted tracks follow the clock.
     """
 
     fields: dict[str, Any]
@@ -40,7 +41,11 @@ class Receivers(NamedTuple):
     scheduled: frozenset[str]
 
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
-        """Return a scenario of these receivers with point 0 later on the clock by a time in s."""
+        """
+        Return a scenario whose point 0 is some seconds later on the clock.
+
+        Predicted tracks get earlier times from point 0, and `scheduled` tracks keep their times.
+        """
         later = move_receivers(scenario, scenario, seconds)
         members: dict[str, Any] = {
             kind: tuple(old if old.name in self.scheduled else new for old, new in zip(
@@ -52,13 +57,16 @@ class Receivers(NamedTuple):
 def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, clock: PlanClock,
                       end: float) -> Receivers:
     """
-    Predict the receivers until a horizon, but not beyond the flight.
+    Return the Receivers, predicted until a horizon or the end of the flight.
+
+    A receiver starts at its usable pose. Without one, it moves on its track in the mission file.
 
     :param now: time of the clock [s].
     :param clock: clock of the plan, whose time_scale is not 0.
     :param end: end of the flight [s] from point 0.
     :raises ScenarioError: for a track whose values are out of range.
     """
+    # Time of the clock [s] at which the predictions end.
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
     nodes, eavesdroppers, notes = [], [], {}
     moves_by_estimate, scheduled = False, set()
@@ -86,6 +94,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
         if is_node:
             node = settings.ground_nodes[name]
             nodes.append(GroundNode(position, name, node.weight,
+                                    # Knots (time, x, y) without the radius of a disc.
                                     track and tuple(knot[:3] for knot in track),
                                     node.trusted))
         else:
@@ -110,7 +119,10 @@ def _horizon(settings: PlannerSettings) -> float:
 def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float, until: float,
              clock: PlanClock) -> Track | None:
     """
-    Return the track of a receiver from its measurement to a time of the clock; None if it stands.
+    Return the track of a receiver from its measurement until a time of the clock [s].
+
+    The track has two knots: (time [s] from point 0, x, y, radius [m]). It is None for a receiver
+    that stands: one without max_speed and without a velocity that has a covariance.
 
     With a max_speed the receiver may go anywhere from its measured place, at max_speed or at its
     measured speed if that is larger. Otherwise it goes straight on. A message does not say how
@@ -137,10 +149,15 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     """
     Return True if a receiver is not where a plan expects it at a time [s] from point 0.
 
-    A receiver has moved if it is more than a distance in m away, if it moves and has left its
-    disc, or if its radius has changed by a tenth of the distance. The radius of a moving receiver
-    may shrink, because a prediction grows with time.
+    A receiver has moved if it is farther than `distance` [m] from there. An eavesdropper has also
+    moved if it has a track and its centre is outside of its expected disc, or if its radius
+    differs by more than 0.1 * distance. With a track only a larger radius counts, because a new
+    prediction starts with a small one.
+
+    :param before: the scenario of the plan.
+    :param now: the same scenario with the present receivers.
     """
+    # (G, 1, 2), (E, 1, 2) and (E, 1) in m, for one time.
     old_grounds, old_centres, old_radii = before.receivers_at([time])
     grounds, centres, radii = now.receivers_at([time])
     distance = distance or math.inf  # A distance of 0 allows any move.

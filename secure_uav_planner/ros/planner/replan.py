@@ -98,12 +98,16 @@ class Remainder(NamedTuple):
         rejoin = self.find_rejoin()
         plan = self.date(rejoin.splice(
             job.solve(rejoin.scenario, self.settings, self.time_limit, rejoin.tail)))
-        begin = (rejoin.first + 1) * plan.scenario.slot_duration
+        begin = (rejoin.first + 1) * plan.scenario.slot_duration  # Time of point first + 1.
         return Replanned(
             plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
 
     def date(self, plan: Plan) -> Plan:
-        """Return the new plan with the promise that its predicted receivers allow."""
+        """
+        Return the new plan with a promise until the receivers' predictions end.
+
+        The promise holds if plan time t is flown at start + promise_delay + t / promise_speed.
+        """
         until, clock = self.receivers.promised_until, self.clock
         if until is None:
             return plan
@@ -111,7 +115,13 @@ class Remainder(NamedTuple):
                        promise_delay=clock.to_clock(0.0) - start_of(plan) * 1e-9)
 
     def find_rejoin(self) -> Rejoin:
-        """Return the beginning of the replan, or raise an InfeasibleMissionError."""
+        """
+        Return the Rejoin of a new path that meets the UAVs at their predicted states.
+
+        If no path meets these states, the new path begins on the plan in flight.
+
+        :raises InfeasibleMissionError: if no path meets the states and the rule must meet them.
+        """
         try:
             return find_rejoin(
                 self.plan, self.first, self.states, self.settings.track_tolerance, self.updated)
@@ -143,8 +153,11 @@ class Replanning:
 
     def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
         """
-        Return the Rule by which the rest of the mission is to be planned again, or None.
+        Return the first Rule that is due in the flight, or None.
 
+        None is due while the flight is held or changes its speed, or before `last` is flown.
+
+        :param last: the newest plan, which may start later than the plan in flight.
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
@@ -153,7 +166,7 @@ class Replanning:
             return None
         plan = flight.playback.plan
         if plan.start_ns != last.start_ns:
-            return None  # The last plan has not begun.
+            return None  # The newest plan has not begun.
         if self._first_point(flight, settings) >= plan.scenario.slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
             return None  # The mission ends before the effect, or poses are missing.
@@ -173,9 +186,9 @@ class Replanning:
 
     def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a receiver is not where the plan expects it, and the rule need not wait.
+        Return True if has_moved is true of the receivers and the rule need not wait.
 
-        With replan_period alone, only a moving eavesdropper that has left its disc counts.
+        With replan_distance 0, only a moving eavesdropper that has left its disc counts.
         """
         distance = settings.replan_distance
         if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
@@ -191,9 +204,11 @@ class Replanning:
 
     def is_uav_off(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a UAV is beyond replan_deviation, or will be if its relay stops it.
+        Return True if a UAV is farther than replan_deviation from its plan.
 
-        A UAV has the lead to come back, unless its relay has stopped it since the last replan.
+        For a UAV that its relay stops, the distance after replan_lead counts. For replan_lead
+        after a replan the answer is False, so that UAVs can come back to their plan, unless a
+        relay has stopped or released a UAV since.
         """
         most, lead = settings.replan_deviation, settings.replan_lead
         if not most or flight.state != 'flying' or self._is_recent(settings, now) and (
@@ -208,9 +223,10 @@ class Replanning:
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if rules with predictions must wait for replan_lead after the last plan.
+        Return True if rules that compare predicted receivers must not be due yet.
 
-        They wait after a failed replan, and if receivers are predicted.
+        They wait for replan_lead after the last plan or failed replan, if that replan failed or
+        if a receiver moves on a track.
         """
         return self._is_recent(settings, now) and (
             self._has_failed or flight.playback.plan.scenario.has_tracks)
@@ -250,13 +266,13 @@ class Replanning:
             name for name, uav in settings.uavs.items() if uav.use_pose)
 
     def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
-        """Return the last point of a flight that a replan begun now must keep."""
+        """Return the index of the last point of the path that is kept by a replan begun now."""
         return find_first_point(flight.playback.plan.scenario,
                                 flight.time + settings.replan_lead * flight.time_scale)
 
     def _update(self, flight: Flight, settings: PlannerSettings, now: float
                 ) -> tuple[Scenario, Receivers]:
-        """Return the scenario of a flight with the present receivers, and the Receivers."""
+        """Return the flight's scenario with newly predicted receivers, and these Receivers."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),
             flight.playback.duration)

@@ -74,7 +74,7 @@ class StartTime:
     @classmethod
     def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
-        """Return the start of a request; in flight, it is at least replan_lead ahead."""
+        """Return the StartTime of a request at now_ns; in flight, at least replan_lead ahead."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay
@@ -106,7 +106,12 @@ class StartTime:
         return time_left if limit is None else min(limit, time_left)
 
     def explain(self, error: Exception, settings: PlannerSettings) -> Exception:
-        """Return an error of the solve that names start_delay if that was its time limit."""
+        """
+        Return the error of a solve, or a TimeLimitError that says to set a longer start_delay.
+
+        A TimeLimitError is replaced if the plan's effect, and not the parameter time_limit, set
+        the limit.
+        """
         limit = self.time_limit(None)
         if not isinstance(error, TimeLimitError) or limit is None or (
                 0 < settings.time_limit <= limit):
@@ -117,7 +122,7 @@ class StartTime:
             'start_delay, and in flight a longer replan_lead')
 
     def point_0_ns(self, now_ns: int) -> int:
-        """Return the time of point 0 [ns] of a plan that is solved at a time now_ns."""
+        """Return the clock's time of point 0 [ns] of a plan whose solve ends at now_ns."""
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
@@ -166,7 +171,7 @@ class Request:
         return plan, serialize_plan(plan, self.settings.frame_id)
 
     def is_outlasted_by(self, plan: Plan) -> bool:
-        """Return True if the solve took longer than the receivers were predicted for."""
+        """Return True if the solve outlasted the predictions: no slot of the plan is promised."""
         return not (plan.promise.slots or self.start.delay or self.solved)
 
     def check_flight(self, flight: Flight | None, now: float) -> None:
@@ -181,11 +186,18 @@ class Request:
             f'; it goes on from plan {flight.playback.plan.identity}, which is {flight.state}')
 
     def date(self, plan: Plan, now_ns: int) -> Plan:
-        """Return the solved plan with its start time and with the receivers at that time."""
+        """
+        Return the solved plan with its start time, and with its promise until predictions end.
+
+        Without a start_delay, point 0 was not known at the prediction. The tracks of predicted
+        receivers are then moved to the true point 0, and slots whose rate is not positive with
+        these tracks are muted.
+        """
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
         if until is None or self.start.delay:
             return replace(plan, start_ns=start_ns, promised_until=until)
         start_ns += round(_RELEASE_S * 1e9)
+        # Time [s] by which point 0 is later than the prediction took it to be.
         later = start_ns * 1e-9 - self.clock.clock
         scenario = self.receivers.postpone(plan.scenario, later)
         powers, _ = mute_nonpositive_slots(scenario, plan.positions, plan.powers, plan.objective)
@@ -193,7 +205,7 @@ class Request:
                        promised_until=until - later)
 
     def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
-        """Return this request, solved, with receivers that are predicted from now."""
+        """Return this request with `plan` as its solution and receivers predicted from now."""
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
             self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
@@ -220,7 +232,7 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
                 zip(settings.uavs.values(), states, strict=True))]
     clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
         0.0 if start.delay else _RELEASE_S))
-    end = settings.duration * (settings.slots + 1) / settings.slots
+    end = settings.duration * (settings.slots + 1) / settings.slots  # Point N+1 [s].
     receivers = predict_receivers(settings, poses, asked, clock, end)
     return Request(
         _scenario(settings, uavs, receivers.fields), start, clock, receivers, settings, flight)
@@ -245,7 +257,10 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
                       settings: PlannerSettings, start: StartTime, flight: Flight | None
                       ) -> Uav:
     """
-    Return a UAV that starts where it will be when the plan takes effect.
+    Return a UAV whose start is where the UAV will be when the plan takes effect.
+
+    :param index: index of the UAV in the plan in flight.
+    :param state: measured state in the time of the flight, or of the clock without a flight.
 
     | flight            | state of the UAV    | it starts                       |
     | ----------------- | ------------------- | ------------------------------- |

@@ -174,7 +174,7 @@ def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
 def make_status(state: State, progress: Iteration | None, is_solving: bool,
                 problems: Sequence[object], now: float) -> PlannerStatus:
     """
-    Return the status of the planner, without poses, relays and flight.
+    Return the PlannerStatus without pose_age, relay and track, which the node adds.
 
     :param progress: last iteration of the present solve, or None.
     """

@@ -116,14 +116,14 @@ class Guard:
         return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
 
     def stream(self, now: int, limits: Limits) -> Stream:
-        """Return the present state of the stream."""
-        reason, refused = self._refusal
-        is_refused = reason and _within(refused, now, limits.timeout)
+        """Return the Stream; its reason is a refusal since the last pass, within the timeout."""
+        reason, refusal_ns = self._refusal
+        is_refused = reason and _within(refusal_ns, now, limits.timeout)
         if self._last is None:
             return Stream('refused', reason) if is_refused else Stream('silent')
         if self.hold(now) is None:
             return Stream('passing')
-        return Stream('holding', reason if is_refused and refused >= self._last_passed else
+        return Stream('holding', reason if is_refused and refusal_ns >= self._last_passed else
                       'no setpoint comes')
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
@@ -179,7 +179,9 @@ def _within(then: int, now: int, seconds: float) -> bool:
 
 def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
     """Raise an OptionError for a velocity or an acceleration beyond the limits."""
-    # An autopilot follows both until the position is held, and must not go farther than a jump.
+    # An autopilot follows both until the position is held after T = _HOLD_DELAY. Each alone may
+    # lead at most max_jump farther than max_speed does: v T <= max_speed T + max_jump, and without
+    # max_acceleration a T^2 / 2 <= max_jump.
     speed = math.hypot(*setpoint.velocity or ())
     most = limits.max_speed + limits.max_jump / _HOLD_DELAY
     if speed > most:

@@ -196,15 +196,15 @@ class Relay(WorkingNode):
                 self._publish(name, self._stack.fields(held, now))
 
     def _relay_states(self) -> dict[str, RelayState]:
-        """Return the state of the setpoints of each UAV, by the UAV's name."""
+        """Return the state of each UAV's setpoints and its duration in real time [s], by name."""
         states, relay = {}, self.get_fully_qualified_name()
         for name, guard in self._guard_by_uav.items():
-            stream, monotonic = (guard.stream(self._now, self._limits(name))
-                                 if self._is_enabled else Stream('disabled')), time.monotonic()
-            last, since = self._streams[name]
-            since = since if stream.state == last.state else monotonic
-            self._streams[name] = stream, since
-            states[name] = RelayState(relay, stream.state, monotonic - since, stream.reason)
+            stream = (guard.stream(self._now, self._limits(name)) if self._is_enabled
+                      else Stream('disabled'))
+            (last, begin), present = self._streams[name], time.monotonic()
+            begin = begin if stream.state == last.state else present
+            self._streams[name] = stream, begin
+            states[name] = RelayState(relay, stream.state, present - begin, stream.reason)
         return states
 
     def _publish_reports(self) -> None:

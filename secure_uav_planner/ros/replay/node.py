@@ -321,14 +321,14 @@ class Replay(WorkingNode):
         return [self._vehicles.position(name, self._frame_id, now_ns) for name in self._uavs]
 
     def _unmet_conditions(self, now_ns: int) -> list[str]:
-        """Return the conditions that the first setpoint waits for, in words."""
+        """Return in words what the first setpoint waits for: odometry, starts, subscribers."""
         settings, is_simulated = self._settings, not self._settings.vehicle_odometry
         places = [None if is_simulated else place for place in self._places(now_ns)]
         unmet = [place for place in places if isinstance(place, str)]
         unmet += self._player.unmet_conditions(
             [None if isinstance(place, str) else place for place in places],
             settings.start_tolerance, settings.speed)
-        # Simulated UAVs may fly without a subscriber each, after a while.
+        # Simulated UAVs wait for a subscriber only in the first _LONGEST_WAIT s of a release.
         if is_simulated and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
             return unmet
         return unmet + [f'a subscriber of the setpoints of {name}'
@@ -350,7 +350,7 @@ class Replay(WorkingNode):
                 if moment.powers.any() else 0.0))
 
     def _tell_promise(self) -> None:
-        """Log when the flight comes into a slot that is not promised, and out of such slots."""
+        """Log when the flight enters slots that are not promised, and when it leaves them."""
         flight = self._flight
         slot, identity = (flight.playback.find_unpromised_slot(flight.time),
                           flight.playback.plan.identity)

@@ -55,7 +55,7 @@ class Vehicles:
         A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
         pass the UAV's setpoints on.
 
-        :param flight: the flight at the time flight_ns.
+        :param flight: the flight as it was at the clock's time flight_ns.
         :param tolerance: distance from the plan [m].
         """
         lost, scenario = {}, flight.playback.plan.scenario
@@ -71,7 +71,7 @@ class Vehicles:
         return lost
 
     def _distance(self, name: str, index: int, flight: Flight, flight_ns: int) -> float:
-        """Return the distance in m of a UAV from its plan when it was measured."""
+        """Return a UAV's distance from its plan [m] at its last odometry; see find_lost."""
         received, message = self._odometry[name]
         if name not in self._distances or self._distances[name][0] is not message:
             stamp, point = nanoseconds(message.header.stamp), message.pose.pose.position
