@@ -96,9 +96,7 @@ def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool
 
     A piece crosses the edge's line at most twice, at the roots of a quadratic polynomial. It
     crosses the edge at these times if they are within the piece, between the edge's corners.
-
-    :param pieces: K pieces, with arrays (K, 2).
-    :param edges: corners of the edges, (K, 2, 2) in m.
+    Pieces have arrays (K, 2), and edges are pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -118,10 +116,8 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     Return the least distance [m] of piece k to edge k, and its time [s] from the middle, (K,).
 
     Candidates of the time are the times nearest to the edge's line and to its two corners, the
-    two crossings of the edge, and both ends of the piece.
-
-    :param pieces: K pieces, with arrays (K, 2).
-    :param edges: corners of the edges, (K, 2, 2) in m.
+    two crossings of the edge, and both ends of the piece. Pieces have arrays (K, 2), and edges are
+    pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)

@@ -180,8 +180,8 @@ def _solve_ties(rates: Array, owned: Array, parts: list[tuple[int, int]]) -> Arr
     owned + sum of share * rate - c = 0, and each tied slot has the equation sum of shares = 1.
 
     :param owned: sum of the rates of the slots that each node owns alone, (G,).
-    :param parts: pairs (tied slot, node that shares it), (G + number of tied slots - 1).
-    :return: share of each pair.
+    :param parts: pairs (tied slot, node that shares it), (G + number of tied slots - 1). The
+        shares are in the same order.
     """
     slots = {slot: len(rates) + row for row, slot in enumerate(dict(parts))}
     matrix = np.zeros((len(rates) + len(slots), len(parts) + 1))
