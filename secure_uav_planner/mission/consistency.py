@@ -119,7 +119,7 @@ def check_durations(uavs: Sequence[Uav], duration: float, slots: int
     Nothing is checked if an end velocity bends the flight of any UAV: the first flights in
     optimize.initial then check all UAVs.
     """
-    if not all(uav.vehicle.is_straight for uav in uavs):
+    if not all(uav.vehicle.is_straight_optimal for uav in uavs):
         return
 
     def measure_utilisation(uav: Uav, duration: float) -> float:

@@ -45,7 +45,7 @@ class Vehicle:
     goal_velocity: tuple[float, float] | None = None
 
     @property
-    def is_straight(self) -> bool:
+    def is_straight_optimal(self) -> bool:
         """Whether a straight flight has the least utilisation: no end velocity bends it."""
         return math.isinf(self.max_acceleration) or all(
             velocity in (None, (0.0, 0.0))

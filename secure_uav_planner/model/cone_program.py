@@ -114,7 +114,7 @@ class LeastFlights:
                           raise_if_over: Callable[[], None] = lambda: None) -> Array:
         """Return the least utilisations of the flights of a scenario, (U,)."""
         slots = scenario.slots
-        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as in Grid.
+        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Grid's rounding: same key.
         return np.array([self.find(uav.vehicle, slots, step, raise_if_over)[0]
                          for uav in scenario.uavs])
 
@@ -124,10 +124,11 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     """
     Return the least utilisation, and its flight's points (N+2, 2) in m from the start, read-only.
 
-    If the utilisation is above 1, no flight of N slots of `step` seconds keeps the limits. If the
-    solver fails, which happens only far above 1, the utilisation is infinite, with the points of
-    the straight flight. The straight flight is the best one without a limit of acceleration, and
-    with free or zero velocities at both ends.
+    The utilisation is the largest ratio of a speed or an acceleration to its limit. If it is above
+    1, no flight of N slots of `step` seconds keeps the limits. If the solver fails, which happens
+    only far above 1, the utilisation is infinite, with the points of the straight flight. The
+    straight flight is the best one without a limit of acceleration, and with free or zero
+    velocities at both ends.
 
     The cone program minimises r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step, with the
     largest speed V and acceleration a. The velocities w, (N+1, 2) in m/s, add up to the
@@ -136,7 +137,7 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     :param raise_if_over: called in the search; what it raises is passed on.
     """
     straight = read_only(vehicle.fly_straight(slots, step))
-    if vehicle.is_straight:
+    if vehicle.is_straight_optimal:
         return vehicle.straight_utilisation(slots, step), straight
     displacement = np.array(vehicle.displacement)
     begin, end = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
@@ -162,16 +163,17 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
 def _list_cones(vehicle: Vehicle, slots: int, step: float, begin: Array, end: Array
                 ) -> tuple[Any, Array]:
     """
-    Return matrix and right side of the displacement and the cones of minimise_utilisation.
+    Return the matrix A and the right side b of minimise_utilisation as A x + s = b.
 
-    The unknowns are r, then the velocities in units of the top speed. The first two rows are the
-    displacement. Each cone |vector| <= limit r has three rows: limit times r, and the vector. The
-    vectors are the velocities, then the changes of velocities.
+    The unknowns x are r, then the N + 1 velocities in units of the top speed. The first two rows
+    have s = 0: the velocities add up to the displacement. Each cone |vector| <= limit r has three
+    rows with s = b - A x = (limit r, vector), so A has entries -limit and minus the vector's. The
+    vectors are the velocities, with limit 1, then the N to N + 2 changes of velocities.
 
     :param begin: velocity before the start, (1, 2) in m/s, or (0, 2) if it is free.
     :param end: velocity after the goal, (1, 2) in m/s, or (0, 2) if it is free.
     """
-    moves, top, gain = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
+    moves, top, most_change = slots + 1, vehicle.max_speed, vehicle.max_acceleration * step
     # The given velocities beyond both ends, with zeros in place of the unknown velocities.
     ends = np.concatenate([begin, np.zeros((moves, 2)), end])
     change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(ends) - 1, len(ends)))
@@ -179,8 +181,8 @@ def _list_cones(vehicle: Vehicle, slots: int, step: float, begin: Array, end: Ar
         scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(ends), moves, k=-len(begin))])
     constants = np.concatenate([np.zeros((moves, 2)), np.diff(ends / top, axis=0)])
     limits = np.zeros((len(constants), 3))
-    limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, gain / top)
-    unit = max(1.0, math.hypot(*vehicle.displacement))
+    limits[:, 0] = np.where(np.arange(len(limits)) < moves, 1.0, most_change / top)
+    unit = max(1.0, math.hypot(*vehicle.displacement))  # Scale of the first two rows [m].
     rows = scipy.sparse.bmat([
         [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), np.eye(2))],
         [scipy.sparse.csr_matrix(-limits.reshape(-1, 1)),

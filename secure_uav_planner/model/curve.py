@@ -136,7 +136,8 @@ def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, A
     Return position, velocity and acceleration of a B-spline, (U, K, 2), with time in slots.
 
     :param points: control points, (U, M, 2).
-    :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2).
+    :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2). The
+        velocity changes linearly from w[n-1] at time n - 1/2 to w[n] at n + 1/2.
     :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
     """
     node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
@@ -151,7 +152,9 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
                     state_at: Callable[[Array], tuple[Array, Array]],
                     slots: ArrayLike | None = None) -> Array:
     """
-    Return each node's means of rates over slots in continuous time, (G, M) in bit/s/Hz.
+    Return each node's mean rate in continuous time over each of M slots, (G, M) in bit/s/Hz.
+
+    Slot i lasts from point i + 1 to point i + 2; `place` is in -1/2..1/2 from its middle.
 
     :param find_rates: rates of the nodes, such as channel.guaranteed_node_rates.
     :param state_at: positions (U, M, 2) in m and powers (U, M) in W at times (M,) in s.
@@ -184,8 +187,8 @@ def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: flo
     Return the energies of UAVs, hovering and flying, (U, 2) in J.
 
     The velocity is linear in each slot. Slots are divided into pieces in which it changes by at
-    most half of the induced velocity, the width of the power's maximum at rest: Gauss-Legendre
-    quadrature of each is then within 1e-6 of the integral for slots of any length.
+    most half of the induced velocity, the width of the power's maximum at rest. Gauss-Legendre
+    quadrature of each piece is then within 1e-6 of the integral, for slots of any length.
 
     :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s.
     :param after: velocities at the ends of the slots, (U, M, 2) in m/s.
@@ -211,7 +214,13 @@ def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: flo
 
 
 def _find_headings(moves: Array, max_step: Array) -> Array:
-    """Return the direction of travel from every point, (U, N+2) in rad, held while hovering."""
+    """
+    Return the direction of travel from every point, (U, N+2) in rad.
+
+    A UAV that hovers, with a move (U, N+1, 2) in m much shorter than max_step (U,), keeps the
+    direction of its last move. Before its first move it has this move's direction, and 0 if
+    it never moves.
+    """
     moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
     moving = np.linalg.norm(moves, axis=-1) > _STANDING * max_step[:, None]
     # The index of the last point at which the UAV moved. Before its first move it is -1.

@@ -65,8 +65,10 @@ def least_distance(pieces: Pieces) -> tuple[Array, Array]:
     """
     Return the least distances (K,) of pieces from (0, 0), and their times from the middles, (K,).
 
-    The square is a quartic of t, convex on both sides of where its second derivative is negative.
-    On each side the zero of its derivative is bisected. Arrays of the pieces are (K, 2).
+    A piece is at p + v t + a t^2 / 2 for |t| <= half, with arrays p, v and a (K, 2). Half the
+    derivative of the squared distance is the cubic polynomial with the coefficients `cubic`,
+    `square`, `linear` and `constant`. It rises before `first` and after `second`, the roots of its
+    own derivative, and its zero on each of these sides is found by bisection.
     """
     position, velocity, acceleration = pieces.positions, pieces.velocities, pieces.accelerations
     cubic = 0.5 * (acceleration**2).sum(axis=-1)
@@ -90,9 +92,11 @@ def least_distance(pieces: Pieces) -> tuple[Array, Array]:
 
 def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Find the crossings of K pieces with arrays (K, 2) and K edges (K, 2, 2) in m, pair by pair.
+    Return two times [s] from piece k's middle, and if it crosses edge k then, (K, 2) each.
 
-    :return: two times from the middles, (K, 2) in s, and which are crossings, (K, 2).
+    A piece crosses the edge's line at most twice, at the roots of a quadratic polynomial. It
+    crosses the edge at these times if they are within the piece, between the edge's corners.
+    Pieces have arrays (K, 2), and edges are pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -109,10 +113,11 @@ def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool
 
 def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     """
-    Return the least distances (K,) of pieces to edges, and their times from the middles, (K,).
+    Return the least distance [m] of piece k to edge k, and its time [s] from the middle, (K,).
 
-    Pieces and edges are as in find_crossings. A distance is least where that to the line of the
-    edge or to one of its corners is, where the edge is crossed, or at an end of the piece.
+    Candidates of the time are the times nearest to the edge's line and to its two corners, the
+    two crossings of the edge, and both ends of the piece. Pieces have arrays (K, 2), and edges are
+    pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)

@@ -1,12 +1,4 @@
-"""
-Shares of the slots for several ground nodes: a linear program, solved by a dual simplex method.
-
-The least mean over weight is maximised. In its dual a node has a price, and a slot is worth the
-largest product of price and rate. A slot is tied if it is worth as much to several nodes. At a
-vertex the tied slots link all nodes as a tree. A step cuts the tree at the most negative share of
-a tied slot, and scales the prices on one side of the cut until the dual is least. A step may pass
-any number of slots, so the number of steps hardly depends on the number of slots.
-"""
+"""Shares of the slots for several ground nodes: a linear program, solved by _find_vertex."""
 
 from typing import TypeAlias
 
@@ -30,8 +22,10 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
     """
     Return the shares of the slots, (G, N), with the largest least mean over weight.
 
-    They are a vertex of a linear program, so that at most G - 1 slots are divided. Slots of rate 0
-    have share 0; a single node owns all slots.
+    The shares s maximise the least over the nodes k of (offset_k + mean_n s_kn r_kn) / weight_k,
+    with sum_k s_kn = 1. They are a vertex of this linear program, so at most G - 1 slots are
+    divided. A node has no share of a slot in which its rate is 0. A single node owns all slots. If
+    a node has neither rates nor an offset, the least is 0, and each slot goes to its best node.
 
     :param rates: rate of each ground node in each slot, (G, N), at least 0.
     :param unit: unit of the rates [bit/s/Hz].
@@ -74,8 +68,14 @@ def _divide(rates: Array, offsets: Array) -> Array:
 
 
 def _divide_equal_slots(rates: Array) -> Array:
-    """Return shares (G, N) with the largest least mean; join slots with equal rates before."""
+    """
+    Return the shares (G, N) by _find_vertex for positive rates (G, N), where slots may be equal.
+
+    Equal slots are joined into one with the sum of their rates. Its parts are consecutive slots.
+    """
     _, slots = rates.shape
+    # Equal slots have equal keys, random weights of their logarithms. `groups` has the number of
+    # the joined slot of each slot, and `first` one slot of each joined slot.
     key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
     ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
     groups = np.empty(slots, int)
@@ -85,7 +85,6 @@ def _divide_equal_slots(rates: Array) -> Array:
     joined = _find_vertex(rates[:, first] * counts)
     shares = joined[:, groups]
     for group in np.flatnonzero(((joined > 0).sum(axis=0) > 1) & (counts > 1)):
-        # Each node owns slots that follow on each other.
         ends = np.append(0.0, np.cumsum(joined[:, group])) * counts[group]
         begins = np.arange(counts[group])
         shares[:, groups == group] = np.clip(
@@ -96,6 +95,12 @@ def _divide_equal_slots(rates: Array) -> Array:
 def _find_vertex(rates: Array) -> Array:
     """
     Return shares (G, N) with the largest least mean; at most G - 1 slots are divided.
+
+    This is a dual simplex method. Node k has a price p_k, and a slot goes to the node with the
+    largest worth p_k r_kn. A slot worth as much to several nodes is tied and divided. At a vertex
+    the tied slots link all nodes as a tree. A step cuts the tree at the most negative share, and
+    scales the prices on one side until the dual is least and another slot ties. A step may pass
+    any number of slots, so the number of steps hardly depends on the number of slots.
 
     :param rates: positive, (G, N).
     """
@@ -131,9 +136,10 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
     """
     Scale the prices of a part of the nodes so that the dual is least, and add the tied slot.
 
-    The dual is the sum of the slots' worths over the sum of the prices. As the scale grows, the
-    slots pass to the part one by one. The dual is least at the first slot with which the part's
-    mean rate, weighted by prices, is at least the mean rate of the other nodes.
+    A slot's worth is the largest price times rate of a node. The dual is the sum of worths over
+    the sum of prices. As the scale grows, the slots pass to the part one by one. The dual is least
+    at the first slot with which the part's mean rate, weighted by prices, is at least the mean
+    rate of the other nodes.
 
     :param prices: prices of the nodes, (G,), changed in place.
     :param ties: nodes of each tied slot, changed in place.
@@ -170,8 +176,12 @@ def _solve_ties(rates: Array, owned: Array, parts: list[tuple[int, int]]) -> Arr
     """
     Return the shares of tied slots with which all nodes have the same mean rate.
 
-    :param owned: sum of the rates of the slots that each node owns, (G,).
-    :param parts: tied slots and nodes that share them; as many as slots and nodes less one.
+    The unknowns are the shares and the common sum of rates c. Each of G nodes has the equation
+    owned + sum of share * rate - c = 0, and each tied slot has the equation sum of shares = 1.
+
+    :param owned: sum of the rates of the slots that each node owns alone, (G,).
+    :param parts: pairs (tied slot, node that shares it), (G + number of tied slots - 1). The
+        shares are in the same order.
     """
     slots = {slot: len(rates) + row for row, slot in enumerate(dict(parts))}
     matrix = np.zeros((len(rates) + len(slots), len(parts) + 1))

@@ -47,8 +47,9 @@ public:
         }
     }
 
-    // Find all slacks at an x and the barrier function's value. `objective` is the value's part
-    // without barrier terms.
+    // Find all slacks at an x, and the barrier function's value objective - sum weight log(slack).
+    // A power p has the slacks p and 1 - p / peak, an average power 1 - mean (powers are in units
+    // of the largest average power), and a share the share itself.
     void evaluate(const Iterate& iterate, const double* x, const double* shares, double objective,
                   double mu, Evaluation& here) {
         p_.fill_path(x, path_);
@@ -85,7 +86,9 @@ public:
         here.value = std::isfinite(value) ? value : INFINITE;
     }
 
-    // Add the gradient of all barrier terms by x and by the shares.
+    // Add the gradient of all barrier terms by x, (N, U, 3), and behind it by the shares. A term
+    // -w log c has the gradient -(w / c) dc. An energy over its limit has a price in place of w /
+    // c.
     void add_gradient(const Iterate& iterate, double mu, double* gradient) {
         const Evaluation& here = iterate.evaluation;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -105,13 +108,14 @@ public:
         p_.energies->add_gradient(path_.data(), energy_gradient_.data());
         for_powers([&](std::size_t i, int u) {
             const double price = iterate.over[u] ? find_price(iterate, u)
-                : weigh(energies_, mu) / here.slacks[energies_].values[u];
+                : barrier_weight(energies_, mu) / here.slacks[energies_].values[u];
             for (int j = 1; j < 3; ++j) gradient[3 * i + j] += price * energy_gradient_[3 * i + j];
         });
     }
 
-    // Add the curvature in x to the band. The average powers' curvature and a part of the energies'
-    // are not a band; see mean_ratio and fill_energy_rows.
+    // Add the limits' primal-dual curvature in x to the band: for a linear slack c with a dual it
+    // is dual / c times the outer product of the gradient of c. Average powers and energies also
+    // couple all slots; mean_ratio and fill_energy_rows have this curvature.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
@@ -126,14 +130,14 @@ public:
         p_.fill_path(iterate.x, path_);
         p_.energies->add_curvature(path_.data(), iterate.duals[energies_], band);
     }
-    // The average power of UAV u adds the outer product of its row, divided by this ratio, to the
-    // Hessian.
+    // Return the ratio slack / dual of UAV u's average power, which adds row row^T / ratio to the
+    // Hessian. The row is the gradient of the slack.
     double mean_ratio(const Iterate& iterate, int u) const {
         return iterate.evaluation.slacks[means_].values[u] / iterate.duals[means_][u];
     }
-    // Fill U of R rows with the gradients of the energies by x, and U ratios. Each energy adds the
-    // outer product of its row, divided by its ratio, to the Hessian; the row of an energy with a
-    // price (`over`) is 0. Needs add_gradient before.
+    // Fill U of the R dense rows with the gradients of the energies by x, and U ratios. `rows` has
+    // R numbers for each variable. The energy of UAV u adds row row^T / ratio to the Hessian, where
+    // ratio is slack / dual. An energy with a price (`over`) has a row of 0. Needs add_gradient.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)
@@ -148,7 +152,7 @@ public:
         return iterate.duals.back()[i] / iterate.shares[i];
     }
 
-    // Find the slopes of all slacks along a step.
+    // Find the derivatives of all slacks along a step, (N, U, 3) of x and behind it the shares.
     void find_slopes(const double* step, const Evaluation& here) {
         p_.fill_path(step, path_, true);
         for (std::size_t l = 0; l < limits_; ++l)
@@ -179,8 +183,9 @@ public:
     }
     const Reals& share_slopes() const { return slopes_.back().values; }
 
-    // Find the largest step length of each UAV's flight within the limits. Return the least of
-    // these lengths and of the step lengths of powers and shares.
+    // Find the largest step length, at most 1, of each UAV's flight within the limits of flights,
+    // (U). Return the least of these lengths and of the largest step lengths of powers and shares.
+    // A step takes at most 99.5% of a slack. An energy with a price (`over`) has no limit here.
     double limit_lengths(const Iterate& iterate, const double* step, Reals& lengths) const {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         std::fill(lengths.begin(), lengths.end(), 1.0);
@@ -204,7 +209,7 @@ public:
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
-            for (double& dual : iterate.duals.back()) dual = weigh(l, mu) / dual;
+            for (double& dual : iterate.duals.back()) dual = barrier_weight(l, mu) / dual;
         }
         for (std::size_t u = 0; u < iterate.duals[energies_].size(); ++u)
             if (iterate.over[u]) iterate.duals[energies_][u] = find_price(iterate, u);
@@ -220,13 +225,15 @@ public:
         p_.energies->find(path_.data(), energies);
         for (int u = 0; u < p_.uavs; ++u)
             iterate.over[u] =
-                !((1.0 - energies[u]) * find_price(iterate, u) >= weigh(energies_, mu));
+                !((1.0 - energies[u]) * find_price(iterate, u) >= barrier_weight(energies_, mu));
     }
 
-    // Raise the prices of energies, or replace them by barrier terms. Return whether any has risen.
+    // Raise the prices of energies that exceed their limits (`over`). A price is replaced by a
+    // barrier term once weight / slack is at most the price, and does not rise above MOST_PRICE *
+    // weight. Return whether any has risen. Duals of energies hold the prices.
     bool raise_prices(Iterate& iterate, double mu) const {
         bool risen = false;
-        const double weight = weigh(energies_, mu);
+        const double weight = barrier_weight(energies_, mu);
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (std::size_t u = 0; u < slacks.size(); ++u) {
             double& dual = iterate.duals[energies_][u];
@@ -244,11 +251,12 @@ public:
         return risen;
     }
 
-    // Find the Newton step of the duals, and lower its `length` so that they stay positive.
+    // Find the Newton step of the duals, weight / c - dual - dual / c * (slope of c) for slack c,
+    // and lower the step length `length` so that all duals stay positive. Prices do not change.
     void find_dual_changes(const Iterate& iterate, double mu, double& length) {
         for (std::size_t l = 0; l < kinds_; ++l) {
             const Reals &duals = iterate.duals[l], &slacks = iterate.evaluation.slacks[l].values;
-            const double weight = weigh(l, mu);
+            const double weight = barrier_weight(l, mu);
             Reals& changes = dual_changes_[l];
             changes.resize(duals.size());
             for (std::size_t i = 0; i < duals.size(); ++i) {
@@ -269,12 +277,13 @@ public:
                 iterate.duals[l][i] += length * dual_changes_[l][i];
     }
 
-    // Keep the duals within a factor DUAL_RANGE of their central values.
+    // Keep the duals within a factor DUAL_RANGE of their central values barrier_weight / slack.
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {
                 if (has_price(iterate, l, i)) continue;
-                const double central = weigh(l, mu) / iterate.evaluation.slacks[l].values[i];
+                const double central =
+                    barrier_weight(l, mu) / iterate.evaluation.slacks[l].values[i];
                 double& dual = iterate.duals[l][i];
                 dual = std::min(std::max(dual, central / DUAL_RANGE), central * DUAL_RANGE);
             }
@@ -283,7 +292,8 @@ public:
 private:
     bool has_lines(std::size_t limit) const { return p_.limits[limit]->has_lines(); }
 
-    // Call a function for every power with an index i and the UAV; the power's index in x is 3 i.
+    // Call function(i, u) for the power of every slot n and UAV u, with i = n U + u. The power's
+    // index in x, (N, U, 3), is 3 i, and its UAV's position follows at 3 i + 1 and 3 i + 2.
     template <typename Function>
     void for_powers(Function function) const {
         const int U = UAVS ? UAVS : p_.uavs;
@@ -301,8 +311,9 @@ private:
                 function(i++, n * p_.nodes() + k, n * p_.nodes());
     }
 
-    // The factor of -log c in the barrier term of a kind of slacks.
-    double weigh(std::size_t kind, double mu) const {
+    // The factor of -log c in the barrier term of a kind of slacks c: N mu for average powers and
+    // energies, which occur once and not once a slot, and mu for other kinds.
+    double barrier_weight(std::size_t kind, double mu) const {
         return kind == means_ || kind == energies_ ? double(p_.slots) * mu : mu;
     }
 
@@ -310,12 +321,13 @@ private:
         return kind == energies_ && iterate.over[i];
     }
 
-    // The price of an energy in nats per limit.
+    // The price of UAV u's energy in nats per limit; iterate.prices are in rate units and per slot.
     double find_price(const Iterate& iterate, std::size_t u) const {
         return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
     }
 
-    // Find the slacks of energies on the last path, and add their terms to the barrier function.
+    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add the
+    // barrier term of each energy, or price * energy for one with a price (`over`).
     void evaluate_energies(const Iterate& iterate, double mu, Evaluation& here) const {
         Reals& slacks = here.slacks[energies_].values;
         p_.energies->find(path_.data(), slacks);
@@ -323,7 +335,7 @@ private:
             if (iterate.over[u]) here.value_without_lines += find_price(iterate, u) * slacks[u];
             slacks[u] = 1.0 - slacks[u];
             if (!iterate.over[u])
-                here.value_without_lines -= weigh(energies_, mu) * std::log(slacks[u]);
+                here.value_without_lines -= barrier_weight(energies_, mu) * std::log(slacks[u]);
         }
     }
 

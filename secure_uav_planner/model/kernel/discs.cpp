@@ -39,17 +39,18 @@ double invert_leak(double leak) { return 1.0 / std::expm1(leak * LOG_2); }
 // valid in both cases, but less tight in the second.
 class DiscSearch {
 public:
-    // `most`, (P), bounds the leaks of the discs by a formula.
-    DiscSearch(const Discs& discs, const double* most, std::int64_t most_sectors,
+    // `formula_bounds` (P): upper bound of each disc's leak by a formula [bit/s/Hz].
+    DiscSearch(const Discs& discs, const double* formula_bounds, std::int64_t most_sectors,
                double tolerance)
-        : discs_(discs), problem_(make_disc_problem(discs)), most_(most),
+        : discs_(discs), problem_(make_disc_problem(discs)), formula_bounds_(formula_bounds),
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
-    // Search the discs of one slot, from `begin` to before `end`. Return the number of sectors
-    // examined.
+    // Find leak(), an upper bound of the leak in the discs `begin` to `end` - 1 of one slot, and
+    // the incumbent, the place with the largest leak seen. Return the number of sectors examined.
     std::int64_t search(std::size_t begin, std::size_t end) {
         incumbent_ = {INFINITE, 0.0, 0.0};
         active_.clear();
+        // Drop discs whose formula bound is at most the incumbent's leak plus the tolerance.
         for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
         for (const bool descend : {false, true}) {
             for (const std::size_t disc : active_) {
@@ -59,17 +60,19 @@ public:
             }
             const double enough = find_leak(incumbent_.inverse_sinr) + tolerance_;
             active_.erase(std::remove_if(active_.begin(), active_.end(), [&](std::size_t disc) {
-                return !(most_[disc] > enough);
+                return !(formula_bounds_[disc] > enough);
             }), active_.end());
         }
-        double leak = 0.0;
+        double leak = 0.0;  // The largest formula bound of the dropped discs.
         for (std::size_t disc = begin; disc < end; ++disc)
             if (!std::binary_search(active_.begin(), active_.end(), disc))
-                leak = std::max(leak, most_[disc]);
+                leak = std::max(leak, formula_bounds_[disc]);
+        // Branch and bound of the other discs, level by level; the first level has whole discs.
         level_.clear();
         for (const std::size_t disc : active_)
-            level_.push_back({disc, 0.0, discs_.radius[disc], 0.0, PI, invert_leak(most_[disc])});
-        double proven = INFINITE;
+            level_.push_back(
+                {disc, 0.0, discs_.radius[disc], 0.0, PI, invert_leak(formula_bounds_[disc])});
+        double proven = INFINITE;  // The least bound of 1 / SINR in sectors not divided further.
         std::int64_t examined = 0;
         while (!level_.empty()) {
             examined += std::int64_t(level_.size());
@@ -151,7 +154,7 @@ private:
 
     const Discs& discs_;
     std::unique_ptr<kernel::DiscProblem> problem_;
-    const double* most_;
+    const double* formula_bounds_;
     std::int64_t most_sectors_;
     double tolerance_, leak_ = 0.0;
     Candidate incumbent_{};
@@ -160,7 +163,8 @@ private:
     std::vector<Sector> level_, next_level_;
 };
 
-// Copy the discs of Python's arguments; core.pyi lists these.
+// Copy P discs from Python's arguments: noise = 1 / (p_0 SNR_0) and radius, (P), places x and y of
+// the UAVs from the disc's centre, (U, P), and jamming = p_j SNR_j / (p_0 SNR_0), (U - 1, P).
 Discs make_discs(const py::dict& args) {
     const std::size_t count = count_entries(args, "noise");
     const std::size_t uavs = count_entries(args, "squared_altitudes");
@@ -181,7 +185,8 @@ Discs make_discs(const py::dict& args) {
     return discs;
 }
 
-// Fill a local minimum of the inverse SINR in each disc; see core.pyi.
+// Fill `minima`, (3, P), with a local minimum of the inverse SINR in each of P discs: its value,
+// and its place's x and y from the disc's centre [m].
 void find_local_minima(const py::dict& args, const py::buffer& minima) {
     const Discs discs = make_discs(args);
     const Array<double> minimum(minima, "minima", 3 * discs.count);
@@ -196,8 +201,8 @@ void find_local_minima(const py::dict& args, const py::buffer& minima) {
     }
 }
 
-// Fill lower bounds of the inverse SINR in one sector of each disc, and the inverse SINR at one
-// place of each sector, `values`.
+// Fill `bounds` (P) with a lower bound of the inverse SINR in one sector of each disc, and `values`
+// (P) with the inverse SINR in the middle of each sector: for tests.
 void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buffer& bounds,
                    const py::buffer& values) {
     const Discs discs = make_discs(args);
@@ -217,8 +222,8 @@ void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buff
 
 // Prove for every slot an upper bound of the leak [bit/s/Hz] to an eavesdropper anywhere in its P
 // discs, by branch and bound. `slots` (P): slot of each disc, ascending. `most` (P): upper bound of
-// each disc's leak by a formula. `leaks` gets the bounds; `worst_discs` and `places` get the disc
-// and the place of the largest leak that the search finds in each slot. See core.pyi for units.
+// each disc's leak by a formula. `leaks` (N) gets the bounds; `worst_discs` (N) and `places` (N, 2)
+// get the disc, and the place from its centre [m], with the largest leak found in each slot.
 void prove_leaks(const py::dict& args, const py::buffer& slots, const py::buffer& most,
                  std::int64_t most_sectors, double tolerance, const py::buffer& leaks,
                  const py::buffer& worst_discs, const py::buffer& places) {

@@ -45,7 +45,8 @@ public:
 
     const Vectors& moves() const { return moves_; }
 
-    // Find the energy of each UAV on a path, (U).
+    // Find the energy of each UAV on a path, (U), as a share of its limit: the UAV's constant plus
+    // the sum of weight * power(|move|^2) over its moves.
     void find(const double* path, Reals& energies) const {
         energies = constants_;
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
@@ -53,8 +54,8 @@ public:
         });
     }
 
-    // Add the gradients of all energies, (N, U, 3). One array holds them all, because the variables
-    // of a UAV change the energy of this UAV only.
+    // Add to `gradient`, (N, U, 3), the gradient of each UAV's energy by its own variables, the
+    // only ones that change it. By a move it is 2 weight power'(s) move, with s = |move|^2.
     void add_gradient(const double* path, double* gradient) const {
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const double slope = 2.0 * weights_[i] * terms_[uav].first(dot(move, move));
@@ -62,8 +63,9 @@ public:
         });
     }
 
-    // Add the Hessians of the energies times their prices, (U). Negative eigenvalues of the Hessian
-    // by a move are replaced by 0.
+    // Add to the band the Hessians of the energies times their prices, (U). By a move, the Hessian
+    // of power(s), s = |move|^2, has the eigenvalue 2 power' across the move and 2 power' + 4 s
+    // power'' along it. Negative eigenvalues are replaced by 0. PowerTerms::second is s power''.
     void add_curvature(const double* path, const Reals& prices, const Band& band) const {
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const PowerTerms& terms = terms_[uav];

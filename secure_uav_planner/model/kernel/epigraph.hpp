@@ -34,9 +34,10 @@ private:
     double product_ = 1.0, sum_ = 0.0;
 };
 
-// Find the t that minimises t - mu sum log(t - value), by Newton's method on
-// sum mu / (t - value) = 1 from the left of its root, so without overshooting. The values become
-// their slacks t - value, and log(slack / mu) is added to `gaps`.
+// Return the t that minimises t - mu sum log(t - value): the smoothed largest of several values.
+// Newton's method solves sum mu / (t - value) = 1 from the left of its root, so without
+// overshooting. In the loop, t is (t - largest value) / mu. The values are replaced by their slacks
+// t - value, and log(slack / mu) is added to `gaps`.
 inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps) {
     // STEPS suffice for 16 values, because a step far from the root doubles t. With more values
     // further steps are taken until the sum exceeds 1 by at most NEAR; one step from there is
@@ -64,8 +65,10 @@ inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps)
     return t;
 }
 
-// Find the Newton step of the duals of several values, and lower its `length` so that they stay
-// positive. `slopes` are the derivatives of the values along the step.
+// Find the Newton step of the duals of several values, whose smoothed largest is t: a dual changes
+// by mu / slack - dual - dual / slack * (change of t - slope), where slack is t - value and
+// `slopes` are the derivatives of the values along the step. The change of t keeps the duals' sum
+// at 1. Lower the step length `length` so that the duals stay positive.
 inline void find_epigraph_changes(int count, double mu, const double* slacks, const double* duals,
                                   const double* slopes, double* changes, double& length) {
     double sum = 0.0, total = 0.0, weighted = 0.0;
@@ -75,9 +78,9 @@ inline void find_epigraph_changes(int count, double mu, const double* slacks, co
         total += ratio;
         weighted += ratio * slopes[i];
     }
-    const double largest = (sum - 1.0 + weighted) / total;
+    const double change_of_t = (sum - 1.0 + weighted) / total;
     for (int i = 0; i < count; ++i) {
-        changes[i] = mu / slacks[i] - duals[i] - duals[i] / slacks[i] * (largest - slopes[i]);
+        changes[i] = mu / slacks[i] - duals[i] - duals[i] / slacks[i] * (change_of_t - slopes[i]);
         limit_step(length, duals[i], changes[i]);
     }
 }

@@ -70,7 +70,7 @@ public:
     }
     virtual ~DiscProblem() = default;
 
-    // Select a disc; all other methods are about the selected disc.
+    // Select a disc, to which all other methods then refer: copy its numbers from Discs.
     void select(std::size_t disc) {
         double farthest = 0.0;
         for (int u = 0; u < uavs_; ++u) {
@@ -88,8 +88,8 @@ public:
     // Evaluate the place of the disc that is nearest to the transmitter.
     Candidate evaluate_nearest() const { return evaluate(x_[0], y_[0]); }
 
-    // Descend from the best of 14 places: the nearest to the transmitter, the centre, six on a
-    // circle of half the radius and six on the edge.
+    // Return a local minimum of the inverse SINR v in the disc: descend from the best of 14 places.
+    // They are the nearest to the transmitter, the centre, 6 at half the radius and 6 on the edge.
     Candidate find_local_minimum() const {
         Candidate best = evaluate_nearest();
         keep_better(best, evaluate(0.0, 0.0));
@@ -111,7 +111,7 @@ public:
             const Candidate next = take_newton_step(here, longest);
             const double gain = here.inverse_sinr - next.inverse_sinr;
             const bool better = next.inverse_sinr < here.inverse_sinr;
-            // The next gain of Newton's method is of the order of this gain squared.
+            // Newton's method squares the relative gain at each step: 1e-14 follows 1e-7.
             const bool stop = better ? !(gain > 1e-7 * here.inverse_sinr)
                                      : !(0.25 * longest > 1e-4 * radius_);
             keep_better(here, next);
@@ -121,20 +121,20 @@ public:
         return here;
     }
 
-    // Find a lower bound of v in a sector, and a candidate in it.
+    // Return a lower bound of 1 / SINR, v, in a sector; set `candidate` to its middle and v there.
     //
     // The bound is the larger of two. Both hold in the smallest ball around the candidate that
     // contains the sector. `ball_bound`, by expand, takes every distance alone at its smallest or
-    // largest; it needs only gains that fall with the distance. The second, by bound_change,
-    // minimises a quadratic below v: Taylor's quadratic with its Hessian lowered by the largest
-    // change that the third derivative allows. Its error shrinks with the square of the sector's
-    // size, near a maximum of the leak on the disc's edge as well as near one inside, also if the
-    // maximum is flat in one direction.
+    // largest; it needs only gains that fall with the distance. `quadratic`, by bound_change, is
+    // the least value of a quadratic below v: Taylor's quadratic with its Hessian lowered by the
+    // largest change that the third derivative allows. Its error shrinks with the square of the
+    // sector's size, also near a maximum of the leak on the disc's edge, or a flat maximum.
     double bound_sector(const Sector& sector, Candidate& candidate) {
         const double cosine = std::cos(sector.middle), sine = std::sin(sector.middle);
         const double radius = sector.is_whole() ? 0.0 : 0.5 * (sector.inner + sector.outer);
         const double sine2 = std::pow(std::sin(0.5 * sector.half), 2);
         const double width = sector.outer - radius;
+        // The ball's radius is the distance to an outer corner of the sector.
         const double ball = std::sqrt(width * width + 4.0 * sector.outer * radius * sine2)
             * (1.0 + ULPS) + place_error_;
         candidate.x = radius * cosine;
@@ -185,7 +185,7 @@ private:
         if (candidate.inverse_sinr < best.inverse_sinr) best = candidate;
     }
 
-    // Evaluate the place of the disc that is nearest to (x, y).
+    // Return the place of the disc nearest to (x, y), and v there. (0, 0) is the disc's centre.
     Candidate evaluate(double x, double y) const {
         const double share = std::min(1.0, radius_ / std::max(std::hypot(x, y), TINY));
         x *= share;
@@ -193,13 +193,14 @@ private:
         return {inverse_sinr(x, y), x, y};
     }
 
-    // Return the place after a Newton step of at most a length along each axis.
+    // Return the place after a Newton step for the least v, and v there. Along each axis the step
+    // is -slope / |curvature|, so it goes downhill, and at most `longest`.
     Candidate take_newton_step(const Candidate& here, double longest) const {
         double x = here.x, y = here.y;
         const Derivatives v = differentiate(x, y);
         const double radial = (v.x * x + v.y * y) / radius_;
-        // The axes are the eigenvectors of the Hessian. On the edge the only axis is along the
-        // edge, and the edge's curvature changes the second derivative.
+        // The axes are the eigenvectors of the Hessian. If v falls outwards on the edge, the only
+        // axis is the tangent, and radial / radius is subtracted for the curvature of the circle.
         const bool edge = std::hypot(x, y) >= (1.0 - 1e-9) * radius_ && radial < 0.0;
         const double angle =
             edge ? std::atan2(x, -y) : 0.5 * std::atan2(2.0 * v.xy, v.xx - v.yy);
@@ -274,6 +275,8 @@ public:
     }
 
 protected:
+    // v = D_0 (noise + sum_j jamming_j / D_j), with D_u = d_u^2 + H_u^2 of UAV u, noise =
+    // 1 / (p_0 SNR_0) and jamming_j = p_j SNR_j / (p_0 SNR_0). UAV 0 transmits.
     double inverse_sinr(double x, double y) const override {
         const auto loss_at = [&](int u) { return loss(square(x - x_[u]) + square(y - y_[u]), u); };
         double sum = noise_;
@@ -286,9 +289,10 @@ protected:
         return differentiate_here();
     }
 
-    // Bound v = sum of noise D_0 and of jamming_j (1 + L_j / D_j), term by term, in a ball.
-    // `magnitude` is the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes;
-    // rounding errors are a small fraction of either.
+    // Bound v = noise D_0 + sum_j jamming_j (1 + L_j / D_j), term by term, in a ball, with D_j =
+    // d_j^2 + H_j^2 of UAV j and L_j = D_0 - D_j, which is affine in the place. `magnitude` is
+    // the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes; rounding errors
+    // are a small fraction of either.
     Expansion expand(double x, double y, double ball) const override {
         const std::vector<double>& altitudes = discs_.squared_altitudes;
         move_to(x, y);
@@ -332,7 +336,7 @@ private:
         return FreeSpace::loss(squared, discs_.squared_altitudes[u]);
     }
 
-    // Find offsets and D of all UAVs at a place, for differentiate_here.
+    // Find for a place the offset (dx, dy) from each UAV, and loss D = dx^2 + dy^2 + H^2.
     void move_to(double x, double y) const {
         for (int u = 0; u < uavs_; ++u) {
             dx_[u] = x - x_[u];
@@ -341,7 +345,9 @@ private:
         }
     }
 
-    // Return v and its derivatives at the place of the last move_to.
+    // Return v = D_0 (noise + sum_j jamming_j / D_j) with gradient and Hessian, at the place of the
+    // last move_to. D_j is loss[j], and (dx[j], dy[j]) the place minus UAV j's position q_j. The
+    // Hessian is 2 isotropic I - 2 sum_j (along shift^T + shift along^T).
     Derivatives differentiate_here() const {
         const double *dx = dx_.data(), *dy = dy_.data(), *loss = loss_.data();
         double sum = noise_, isotropic = noise_, slope_x = 0.0, slope_y = 0.0;
@@ -374,6 +380,8 @@ public:
     explicit PathLossProblem(const Discs& discs) : DiscProblem(discs), channel_(*discs.channel) {}
 
 protected:
+    // v = (noise + sum_j jamming_j g_j) / g_0 with the gains g at an SNR of 1. The SNRs are in
+    // noise = 1 / (p_0 SNR_0) and jamming_j = p_j SNR_j / (p_0 SNR_0).
     double inverse_sinr(double x, double y) const override {
         const auto gain = [&](int u) {
             return channel_.gain(u, square(x - x_[u]) + square(y - y_[u]));
@@ -383,6 +391,8 @@ protected:
         return sum / gain(0);
     }
 
+    // v = noise / g_0 + sum_j jamming_j g_j / g_0, term by term, with noise = 1 / (p_0 SNR_0),
+    // jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at an SNR of 1.
     Derivatives differentiate(double x, double y) const override {
         Derivatives sum{};
         const LogGain transmitter = log_gain(x, y, 0);
@@ -392,8 +402,11 @@ protected:
         return sum;
     }
 
-    // Bound v = sum of noise / g_0 and of jamming_j g_j / g_0, term by term, in a ball. The bounds
-    // of a term's derivatives come from the bounds of log g_j - log g_0.
+    // Bound v = noise / g_0 + sum_j jamming_j g_j / g_0, term by term, in the ball of radius `ball`
+    // around a place, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the
+    // gains g at an SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, a term
+    // w e^l has second and third derivatives of at most w e^l (b_2 + b_1^2) and w e^l (b_3 + 3 b_1
+    // b_2 + b_1^3).
     Expansion expand(double x, double y, double ball) const override {
         const LogGain transmitter = log_gain(x, y, 0);
         const Range below = find_range(0, transmitter, ball);
@@ -456,7 +469,8 @@ private:
                 channel_.bound_log_gain(u, near, far)};
     }
 
-    // Return UAV u's gain at a place, with gradient and Hessian of log gain by the place.
+    // Return UAV u's gain g at a place, with gradient 2 l' (dx, dy) and Hessian
+    // 2 l' I + 4 l'' (dx, dy) (dx, dy)^T of log g, where l(d^2) = log g.
     LogGain log_gain(double x, double y, int u) const {
         const double dx = x - x_[u], dy = y - y_[u], squared = dx * dx + dy * dy;
         const Gain gain = channel_.derivatives(u, squared);
@@ -472,7 +486,8 @@ private:
         return {a.gain / b.gain, a.x - b.x, a.y - b.y, a.xx - b.xx, a.xy - b.xy, a.yy - b.yy, 0.0};
     }
 
-    // Add a weight times a gain, with the gain's derivatives, to a sum.
+    // Add a weight times a gain g to a sum, with its derivatives: by l = log g, the gradient is
+    // g l' and the Hessian g (l' l'^T + l'').
     static void add(Derivatives& sum, double weight, const LogGain& log) {
         const double term = weight * log.gain;
         sum.value += term;

@@ -14,14 +14,14 @@ namespace kernel {
 class RateSum {
 public:
     void add(double rate) { sum_ += rate; }
-    // Add the rate of a reception.
+    // Add the rate log(1 + SINR) of a reception, by log1p if it is weak, with SINR < 0.01.
     void add(const Reception& at) {
         if (at.is_weak())
             sum_ += at.rate();
         else
             logs_.add(1.0 + at.sinr());
     }
-    // Subtract the rate of a reception.
+    // Subtract the rate log(total / interference) of a reception, by log1p if it is weak.
     void subtract(const Reception& at) {
         if (at.is_weak())
             sum_ -= at.rate();
@@ -51,11 +51,12 @@ enum class LeakKind { single, largest, colluding };
 template <int UAVS>
 class Leak {
 public:
-    // The leak for a ground node, which does not listen to itself. Its slacks begin at `begin`.
+    // The leak for a ground node, which does not listen to itself. `begin` is the index of this
+    // leak's first slack in Evaluation::leak_slacks, which all leaks share.
     Leak(const BarrierProblem& problem, int node, std::size_t begin)
         : slots_(problem.slots), begin_(begin), own_(find_own(problem, node)),
           eves_(problem.hearers() - (own_ < problem.hearers())), uavs_(problem.uavs),
-          central_(eves_, 1.0), slopes_(eves_), mean_(size()), row_(size()) {
+          by_rates_(eves_, 1.0), slopes_(eves_), mean_(size()), row_(size()) {
         if (problem.hearers() == 1)
             kind_ = LeakKind::single;
         else
@@ -69,7 +70,8 @@ public:
     // The index behind the last slack of this leak.
     std::size_t end() const { return begin_ + slots_ * eves_; }
 
-    // Find the exact leak of a slot in nats, without smoothing.
+    // Find the exact leak of a slot in nats, without smoothing: the largest rate of a hearer, or
+    // log(1 + sum of the SINRs) if hearers collude. `at` has the receptions of all hearers.
     double find(const Reception* at) const {
         if (kind_ == LeakKind::colluding) {
             double sinrs = 0.0;
@@ -92,26 +94,33 @@ public:
         sum.add(solve_epigraph(slacks, eves_, mu, sum.gaps));
     }
 
-    // The derivatives of the leak by the hearers' rates, in the slot of the last call of weigh.
-    const Reals& central() const { return central_; }
+    // Derivatives of the leak by the E hearers' rates, in the last slot of differentiate_by_rates.
+    const Reals& by_rates() const { return by_rates_; }
 
-    // Find `central` for slot n. Return the weights of the rates' Hessians in the leak's Hessian.
-    const double* weigh(std::size_t n, const Reception* at, const Iterate& iterate, double mu) {
+    // Find by_rates, the derivatives of slot n's leak by the rates r_e of the E hearers. Return the
+    // weights (E) of the rates' Hessians in the leak's Hessian. The largest rate has derivatives
+    // mu / slack_e, and the slacks' duals as weights (primal-dual method). Colluding hearers have
+    // e^r_e / (1 + sum of the SINRs) for both, and a single hearer has 1.
+    const double* differentiate_by_rates(std::size_t n, const Reception* at,
+                                         const Iterate& iterate, double mu) {
         if (kind_ == LeakKind::largest) {
             for (int e = 0; e < eves_; ++e)
-                central_[e] = mu / iterate.evaluation.leak_slacks[first(n) + e];
+                by_rates_[e] = mu / iterate.evaluation.leak_slacks[first(n) + e];
             return &iterate.leak_duals[first(n)];
         }
         if (kind_ == LeakKind::colluding) {
             const double inverse = std::exp(-find(at));
             for (int e = 0; e < eves_; ++e)
-                central_[e] = at[hearer(e)].total() / at[hearer(e)].interference * inverse;
+                by_rates_[e] = at[hearer(e)].total() / at[hearer(e)].interference * inverse;
         }
-        return central_.data();
+        return by_rates_.data();
     }
 
-    // Add, times a weight, the part of the leak's Hessian, (V, V), that comes from the gradients of
-    // the rates. Called after weigh for the same slot. `gradients` cover all hearers.
+    // Add to `hessian`, (V, V), a weight times sum_e w_e (g_e - mean) (g_e - mean)^T, the part of
+    // the leak's Hessian that comes from the gradients g_e of the hearers' rates. The mean is
+    // sum w_e g_e / sum w_e. Of the largest rate, w_e is dual / slack. Of colluding hearers, w_e is
+    // the leak's derivative by rate e, and the part is sum w_e g_e g_e^T - mean mean^T with the sum
+    // w_e g_e as mean. Needs differentiate_by_rates for slot n. `gradients` cover all hearers.
     void add_curvature(std::size_t n, const Iterate& iterate, double weight,
                        const double* gradients, double* hessian) {
         if (kind_ == LeakKind::single) return;
@@ -119,8 +128,8 @@ public:
         if (kind_ == LeakKind::colluding) {
             for (int e = 0; e < eves_; ++e) {
                 const double* gradient = gradients + hearer(e) * size();
-                add_scaled(central_[e], gradient, mean_.data());
-                add_outer(weight * central_[e], gradient, hessian);
+                add_scaled(by_rates_[e], gradient, mean_.data());
+                add_outer(weight * by_rates_[e], gradient, hessian);
             }
             return add_outer(-weight, mean_.data(), hessian);
         }
@@ -139,8 +148,9 @@ public:
         }
     }
 
-    // Find the Newton step of the duals along a step, (N, V), and lower its `length` so that they
-    // stay positive. The gradients of two successive slots begin `stride` numbers apart.
+    // Find the Newton step of the duals for a step of x, (N, V), and lower the step length `length`
+    // so that the duals stay positive. `gradients` of the rates of all hearers, (V) each, begin
+    // `stride` numbers apart in successive slots. Only the smoothed largest rate has duals.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu,
                            const double* gradients, std::size_t stride, double& length) {
         if (kind_ != LeakKind::largest) return;
@@ -186,7 +196,7 @@ private:
     const std::size_t slots_, begin_;
     const int own_, eves_, uavs_;
     LeakKind kind_;
-    Reals central_, slopes_, changes_, mean_, row_;  // (E), (E), (N, E), (V), (V).
+    Reals by_rates_, slopes_, changes_, mean_, row_;  // (E), (E), (N, E), (V), (V).
 };
 
 }  // namespace kernel

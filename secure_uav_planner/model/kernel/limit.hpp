@@ -53,7 +53,7 @@ public:
     virtual bool has_lines() const { return false; }
     virtual void choose_lines(const double* /* path */, LineSet&) const {}
 
-    // Find the vectors and the slacks on a path.
+    // Find the vectors d and the slacks on a path, (M, U, 2). An ignored vector has slack 1.
     void find_slacks(const double* path, Slacks& slacks) const {
         vectors_.find(path, false, slacks.vectors);
         slacks.values.assign(count(), 1.0);
@@ -63,7 +63,8 @@ public:
         });
     }
 
-    // Add the gradient of -mu sum log c to `gradient`, (N, U, 3).
+    // Add the gradient of -mu sum log c to `gradient`, (N, U, 3). The slack of vector d is
+    // c = normal . d - offset with a line, and c = 1 - |d|^2 / square without.
     void add_gradient(const Slacks& slacks, double mu, double* gradient) const {
         for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
             const double force = mu / slacks.values[i];
@@ -72,7 +73,8 @@ public:
         });
     }
 
-    // Find the moves of the vectors and the slopes of the slacks along a step.
+    // Find the moves of the vectors d, and the slopes of the slacks c, for moves (M, U, 2) of the
+    // path's points. c is normal . d - offset with a line, and 1 - |d|^2 / square without.
     void find_slopes(const Slacks& slacks, const double* moves, Slacks& slopes) const {
         vectors_.find(moves, true, slopes.vectors);
         slopes.values.assign(count(), 0.0);
@@ -84,12 +86,12 @@ public:
     }
 
     // Lower the step lengths of the UAVs, (U), so that a step takes at most FRACTION_TO_BOUNDARY of
-    // each slack and of each longest move.
+    // each slack and of each vector's longest move, if it has one.
     void limit_steps(const Slacks& slacks, const Slacks& slopes, double* lengths) const {
         const Reals& max_moves = slacks.lines->max_moves;
         for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
-            // The length is at most the positive root of a s^2 + 2 b s = c, which is computed
-            // without cancellation.
+            // After a step of length s the slack has fallen by a s^2 + 2 b s; a line's slack is
+            // linear. So s is at most the positive root of a s^2 + 2 b s = c, without cancellation.
             const Point move = slopes.vectors[i];
             const double a = line ? 0.0 : dot(move, move) / squares_[i];
             const double b = line ? -0.5 * slopes.values[i] : dot(d, move) / squares_[i];

@@ -62,8 +62,10 @@ private:
             shares[i] = iterate.shares[i] + length * constraints.share_slopes()[i];
     }
 
-    // Stop every power, every flight and the shares of every slot at their own limits; return the
-    // expected change of the barrier function.
+    // Set the trial to the iterate plus `length` times the step, but stop every power, every flight
+    // and the shares of every slot at its own limit. Return gradient . (trial - iterate), the
+    // expected change of the barrier function. `step` and `gradient` are of x, (N, U, 3), and
+    // behind it of the shares, (N, G - 1).
     double move_clipped(const Iterate& iterate, const Reals& step, const Reals& gradient,
                         const Constraints<UAVS>& constraints, double length) {
         const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);

@@ -24,7 +24,8 @@ int find_largest(const double* matrix, int size, int k, int row) {
     return largest;
 }
 
-// Return the two rows, from k on, of a rook pivot, or one row twice. No multiplier exceeds 2.8.
+// Return the two rows, from k on, of a rook pivot, or one row twice for a pivot of one row. A rook
+// pivot's entry is the largest beside the diagonal in both rows. No multiplier exceeds 2.8.
 std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     const auto entry = [=](int i, int j) { return std::fabs(matrix[i * size + j]); };
     int first = k;
@@ -40,8 +41,8 @@ std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     }
 }
 
-// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes its pivot 0
-// if that is negative, and put into column k, from row k on, the vector that is shifted.
+// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes its pivot
+// 0 if that is negative, and put into column k, from row k on, the vector that is shifted.
 double eliminate_row(double* matrix, int size, int k) {
     double* upper = matrix + k * size;
     const double pivot = upper[k];
@@ -57,12 +58,12 @@ double eliminate_row(double* matrix, int size, int k) {
     return std::max(0.0, -pivot);
 }
 
-// Eliminate rows k and k + 1, whose block has a negative eigenvalue, from the rows below. Return the
-// shift that makes this eigenvalue 0, and put the vector that is shifted into column k.
+// Eliminate rows k and k + 1, whose block (p, q; q, r) has one negative eigenvalue, from the rows
+// below. Return minus this eigenvalue, which is the shift that makes it 0. Put into column k, from
+// row k on, the vector L v that belongs to the shift, where v = (x, y) is the eigenvector.
 double eliminate_pair(double* matrix, int size, int k) {
     double *upper = matrix + k * size, *lower = upper + size;
     const double p = upper[k], q = upper[k + 1], r = lower[k + 1], inverse = 1.0 / (p * r - q * q);
-    // The eigenvector (x, y) of the negative eigenvalue.
     const double half = 0.5 * (p - r), root = std::sqrt(half * half + q * q);
     const double scale = 1.0 / std::sqrt(2.0 * root * (root + std::fabs(half)));
     const double x = scale * (half < 0.0 ? root - half : -q);
@@ -121,7 +122,9 @@ void add_shifts(const double* factored, int size, const double* shifts, double* 
 
 }  // namespace
 
-// The modification is what makes the negative eigenvalues of D in P A P^T = L D L^T zero.
+// Replace A, given by its lower triangle, by a positive semidefinite modification E so that A + E
+// is positive semidefinite: E makes the negative eigenvalues of D in P A P^T = L D L^T zero.
+// `space` holds a copy of A, P E P^T, a vector and the shifts.
 void find_modification(double* matrix, int size, double* space) {
     double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
     for (int i = 0; i < size; ++i)

@@ -30,7 +30,7 @@ inline bool is_finite(const double* numbers, std::size_t count) {
     return std::all_of(numbers, numbers + count, [](double x) { return std::isfinite(x); });
 }
 
-// Subtract the rows a, b and c, times their multipliers, from a row of `count` numbers.
+// row -= of_a a + of_b b + of_c c, each a row of `count` numbers.
 // __restrict says that no output overlaps an input, so that loops need no test of that.
 inline void subtract_rows(double of_a, const double* a, double of_b, const double* b,
                           double of_c, const double* c, int count, double* __restrict row) {
@@ -39,11 +39,11 @@ inline void subtract_rows(double of_a, const double* a, double of_b, const doubl
 }
 
 // Factor a symmetric band matrix as L D L^T from column `from` on; columns before it are factored
-// already.
+// already. Return the column at which the matrix is not positive definite, or -1.
 //
-// Column j holds the entries j, j + 1, ... j + below of the lower triangle; `below` more columns
-// of zeros follow the last. Return the column at which the matrix is not positive definite, or -1.
-// In the factor, the first entry of a column is 1 / D.
+// Storage: column j of the lower triangle begins at j * height and has rows j to j + below, so
+// height = below + 1. A pointer shifted by -k to column j + k has the entry of row j + i at index
+// i. `below` more columns of zeros follow the last. The first entry of a factored column is 1 / D.
 //
 // In wide bands the three columns of a UAV in a slot are subtracted at once, so that later columns
 // are read and written once. In narrow bands loops of a few passes are unrolled. Multipliers of
@@ -64,7 +64,7 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
             for (int i = k; i <= below; ++i) later[i] -= multiplier * column[i];
         }
     }
-    // Subtract column j from the next `count` columns.
+    // Subtract column j, not yet divided by its pivot column[0], from the next `count` columns.
     const auto subtract = [=](std::ptrdiff_t j, int count) {
         const double* column = factor + j * height;
         const double inverse = 1.0 / column[0];
@@ -76,6 +76,7 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
             for (int i = k; i <= below; ++i) later[i] -= multiplier * column[i];
         }
     };
+    // Divide columns by their pivots, and replace the pivots by their inverses.
     const auto scale = [=](std::ptrdiff_t begin, std::ptrdiff_t end) {
         for (std::ptrdiff_t j = begin; j < end; ++j) {
             double* column = factor + j * height;
@@ -96,7 +97,8 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
             subtract(j, whole ? int(end - j) - 1 : below);
         }
         if (whole) {
-            // Entry k of a, b and c is in row begin + k.
+            // Columns begin, begin + 1 and begin + 2, shifted so that a[k], b[k] and c[k] are the
+            // entries of row begin + k. They end with rows begin + below, + 1 and + 2.
             const double *a = factor + begin * height, *b = a + below, *c = b + below;
             const double inverse_a = 1.0 / a[0], inverse_b = 1.0 / b[1], inverse_c = 1.0 / c[2];
             for (int k = 3; k <= below + 2; ++k) {
@@ -104,6 +106,7 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
                 const double of_b = k <= below + 1 ? b[k] * inverse_b : 0.0;
                 const double of_c = c[k] * inverse_c;
                 if (of_a == 0.0 && of_b == 0.0 && of_c == 0.0) continue;
+                // Column begin + k; later[i] is the entry of row begin + i.
                 double* later = factor + (begin + k) * height - k;
                 subtract_rows(of_a, a + k, of_b, b + k, of_c, c + k, below + 1 - k, later + k);
                 if (k <= below + 1)
@@ -117,9 +120,9 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
     return -1;
 }
 
-// Divide several right sides, (columns + below, SIDES), by the L of a factor: forward substitution.
-// BELOW and SIDES are constants if they are known when compiling, or 0. The three columns of a UAV
-// in a slot are subtracted at once, as in factor_band.
+// Divide several right sides, (columns + below, sides), by the L of a factor: forward substitution.
+// BELOW is the bandwidth, and SIDES the number of sides, if known when compiling, or 0. The columns
+// j, j + 1, j + 2 of a UAV in a slot are subtracted at once: a[k], b[k], c[k] are in row j + k.
 template <int BELOW, int SIDES>
 void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right,
                      int right_sides) {
@@ -141,7 +144,7 @@ void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth
     }
 }
 
-// Divide a right side, (columns + below), by the L^T of a factor: back substitution.
+// Divide a right side, (columns + below), by L^T: back substitution. column[k] is in row j + k.
 template <int BELOW>
 void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right) {
     const int below = BELOW ? BELOW : bandwidth;
@@ -207,6 +210,9 @@ private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
     int width() const { return size() + shares_; }
+    // The number of dense rows; a constant if it is known when compiling.
+    template <int ROWS>
+    int row_count() const { return ROWS ? ROWS : rows_; }
     std::size_t share_index(std::size_t n, int j) const {
         return slots_ * size() + n * shares_ + j - size();
     }
@@ -217,8 +223,8 @@ private:
         return &eliminated_[(n * width() + j) * width()];
     }
 
-    // Call a function for every share of a slot, in the order of elimination, with its row of
-    // multipliers. The row ends with the inverse pivot.
+    // Call a function for every share of a slot, the last one first, with the share's index j in
+    // the slot and the row of its j multipliers, which ends with the inverse pivot at index j.
     template <typename Function>
     void for_pivots(std::size_t n, Function function) {
         for (int j = width() - 1; j >= size(); --j) function(j, pivot_row(n, j));
@@ -231,9 +237,10 @@ private:
             for (int i = j; i < V; ++i) band[(n * V + j) * height() + i - j] += block[i * W + j];
     }
 
-    // Eliminate the shares of slot n from its block, the last share first, by Gaussian elimination
-    // of rows. The curvature of the limits share > 0 is added before. The first share is 1 minus
-    // the others, so its curvature is added to every pair of shares.
+    // Eliminate the shares of slot n from its block (W, W), W = V + S, the last share first, by
+    // symmetric elimination. Row j >= V of a share then has its multipliers at i < j and its
+    // inverse pivot at j. The curvatures (S + 1) of the limits share > 0 are added before. The
+    // first share is 1 minus the S variable ones, so curvatures[0] is added to every pair of these.
     void eliminate_shares(std::size_t n) {
         const int V = size(), W = width();
         double* block = &eliminated_[n * W * W];
@@ -255,8 +262,9 @@ private:
         }
     }
 
-    // Solve with the factored band. ROWS is the number of dense rows if it is known when compiling,
-    // or 0 for any number.
+    // Find the step -(B + sum_r row_r row_r^T / ratio_r)^-1 gradient with the factored band B and R
+    // dense rows, by Woodbury's formula; return false if it is not finite. `step` has x, (N, V),
+    // and behind it shares, (N, S). ROWS is R if it is known when compiling, or 0 for any number.
     template <int ROWS>
     bool solve_factored(const double* gradient, const double* ratios, double* step) {
         fill_right_sides<ROWS>(gradient);
@@ -267,7 +275,7 @@ private:
         });
         const double* multipliers = find_row_multipliers<ROWS>(ratios);
         if (!multipliers) return false;
-        const int R = ROWS ? ROWS : rows_;
+        const int R = row_count<ROWS>();
         const std::size_t columns = slots_ * size();
         for (std::size_t i = 0; i < columns; ++i)
             step[i] = combine_sides(R, multipliers, &right_[i * (1 + R)], factor_[i * height()]);
@@ -278,11 +286,11 @@ private:
         return is_finite(step, slots_ * width());
     }
 
-    // Fill the right sides, minus the gradient and each dense row: of x, (N V + below, 1 + R), and
-    // of the shares, (N S, 1 + R).
+    // Fill 1 + R right sides: first minus the gradient, then the dense rows. Variables x are
+    // in right_, (N V + below, 1 + R), and shares in share_right_, (N S, 1 + R).
     template <int ROWS>
     void fill_right_sides(const double* gradient) {
-        const int R = ROWS ? ROWS : rows_;
+        const int R = row_count<ROWS>();
         const std::size_t columns = slots_ * size(), variables = slots_ * width();
         const auto fill_row = [&](std::size_t i, double* right) {
             right[0] = -gradient[i];
@@ -294,10 +302,11 @@ private:
             fill_row(i, &share_right_[(i - columns) * (1 + R)]);
     }
 
-    // Forward substitution: subtract the right sides of each share from those of its slot.
+    // Forward substitution of the shares: subtract the right sides of each eliminated share, times
+    // its multipliers, from the right sides of its slot's other variables.
     template <int ROWS>
     void eliminate_shares_of_right_sides() {
-        const int sides = 1 + (ROWS ? ROWS : rows_);
+        const int sides = 1 + row_count<ROWS>();
         for (std::size_t n = 0; n < slots_; ++n)
             for_pivots(n, [&](int j, const double* multipliers) {
                 const double* row = share_right(n, j);
@@ -309,11 +318,12 @@ private:
             });
     }
 
-    // Woodbury's formula after forward substitution: return the multiplier of each dense row, (R),
-    // or null if the system of the multipliers is singular.
+    // Return the multiplier of each dense row, (R), by Woodbury's formula: the solution of
+    // (diag(ratios) + Y^T D^-1 Y) multipliers = Y^T D^-1 y, where y is the gradient's right side
+    // and Y (variables, R) the dense rows', after forward substitution. Null if it is singular.
     template <int ROWS>
     const double* find_row_multipliers(const double* ratios) {
-        const int R = ROWS ? ROWS : rows_;
+        const int R = row_count<ROWS>();
         const std::size_t columns = slots_ * size();
         double *products = space_.data(), *right = products + R * R;
         std::fill(products, right + R, 0.0);
@@ -337,8 +347,8 @@ private:
         return solve_dense(products, right, R) ? right : nullptr;
     }
 
-    // Subtract the R dense rows' sides, times their multipliers, from the gradient's side in `row`,
-    // and divide by a pivot.
+    // Return (row[0] - sum_r row[1 + r] multipliers[r]) / pivot for a variable's 1 + R right sides
+    // in `row`: of the gradient, then of R dense rows.
     static double combine_sides(int R, const double* multipliers, const double* row,
                                 double inverse_pivot) {
         double change = row[0];
@@ -346,7 +356,8 @@ private:
         return change * inverse_pivot;
     }
 
-    // Back substitution of the shares: find their steps from the step of x in their slot.
+    // Back substitution: find share j's step from the steps of x and of shares before j in its
+    // slot.
     void find_share_steps(int R, const double* row_multipliers, double* step) {
         for (std::size_t n = 0; n < slots_; ++n)
             for (int j = size(); j < width(); ++j) {
@@ -360,7 +371,8 @@ private:
             }
     }
 
-    // Make the block of a slot positive semidefinite, also in the band.
+    // Make a slot's block positive semidefinite, and add to the band the change of the block that
+    // is left after eliminating the shares.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];
@@ -378,7 +390,7 @@ private:
         add_block(n, before.data());
     }
 
-    // Factor the band after making it positive definite with few changes.
+    // Factor the band after making it positive definite with few changes; false if that fails.
     //
     // First, the blocks of the slots where the factorisation fails and of their neighbours are
     // made positive semidefinite. This ends, because all limits' terms are convex. Then the

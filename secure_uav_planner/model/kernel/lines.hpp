@@ -91,7 +91,7 @@ private:
     std::vector<Line> sides_;  // (G).
 };
 
-// The vector from the nearest point of an edge to a point.
+// Return the vector to a point from the nearest point of the edge begin-end.
 inline Point subtract_edge(Point begin, Point end, Point point) {
     const Point along = end - begin, offset = point - begin;
     const double square = std::max(dot(along, along), TINY);
@@ -106,7 +106,9 @@ public:
         : LineLimit(pieces), radii_(std::move(radii)) {}
 
 protected:
-    // Set every pair's line to the disc's tangent towards the piece's point nearest to the origin.
+    // Set every pair's line to a tangent of the disc around the origin with the pair's radius. The
+    // piece is the difference of two UAVs' curves, and must be outside of the disc. The tangent's
+    // normal points to the piece's point nearest to the origin.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         for (std::size_t pair = 0; pair < pairs_; ++pair) {
             const Point* piece = pieces + pair * controls_;
@@ -192,9 +194,10 @@ private:
     static constexpr double NEAR = 4.0, LEAST_NEAR = 1e-3;
     static constexpr double TOUCHING = 1e-9;  // Least distance of points that gives a direction.
 
-    // Find a line between a piece and a polygon, and the piece's `clearance` beyond it. For a piece
-    // nearer than `near` it is the polygon's tangent that is farthest from the piece. Otherwise it
-    // is the tangent across the way from the polygon's centre to the piece's middle.
+    // Return a tangent of a polygon with the piece on its other side, and set `clearance` to the
+    // piece's least distance beyond it. A cheap tangent is tried first: its normal points from the
+    // polygon's centre to the piece's middle. With a clearance below `near`, the tangent with the
+    // largest clearance, by `separate`, is returned instead.
     Line find_line(const Point* piece, Point middle, double near, std::size_t polygon,
                    double& clearance) const {
         const Point* vertices = &polygons_[polygon * vertices_];
@@ -210,8 +213,9 @@ private:
         return line;
     }
 
-    // Find the tangent of a polygon from which a piece on its other side is farthest: its normal is
-    // the vector between the nearest points. If they overlap, call minimise_shift.
+    // Return the tangent of a convex polygon that separates it from a piece, with the largest
+    // clearance of the piece: its normal is the vector from the polygon's point nearest to the
+    // piece to the piece's nearest point. If both overlap, return the line by minimise_shift.
     Line separate(const Point* piece, const Point* polygon) const {
         Point nearest{};
         double least = INFINITE;

@@ -32,7 +32,9 @@ public:
         return sums;
     }
 
-    // Find the nodes' slacks, mean - eta, and return the nodes' part of the barrier function.
+    // Find the nodes' slacks mean - eta, and return -N max over eta of (eta + mu sum log(slack /
+    // mu)), minus N times the smoothed least mean. A node's mean is (offset + mean over the slots
+    // of share (rate - leak)) / weight; node_rates are (rate - leak) / weight. `shares` are (N, G).
     double evaluate(const double* shares, double mu, Evaluation& here) const {
         Reals& slacks = here.node_slacks;
         slacks = sum_offsets();
@@ -124,9 +126,9 @@ public:
         }
     }
 
-    // Fill the nodes' dense rows of the linear system and their ratios. A row is the gradient of a
-    // node's slack minus the weighted mean of these gradients, because eta is eliminated. Numbers
-    // of successive variables are R apart in `rows`.
+    // Fill the nodes' G dense rows of the linear system and their ratios slack / (N dual). A row is
+    // the gradient of a node's mean minus the mean of all nodes' gradients with weights 1 / ratio,
+    // because eta is eliminated. Node k's entry for variable i is rows[i R + k].
     void fill_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const int G = nodes_, V = size_, S = G - 1;
         double total = 0.0;
@@ -159,8 +161,8 @@ public:
         }
     }
 
-    // Find the Newton step of the duals along a step, and lower its `length` so that they stay
-    // positive. `rows` are filled by fill_rows.
+    // Find the Newton step of the nodes' duals for a step of the variables, and lower the step
+    // length `length` so that they stay positive. rows[i R + k] is of variable i and node k.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
                            const double* rows, double& length) {
         const int G = nodes_;

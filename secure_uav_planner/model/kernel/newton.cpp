@@ -140,8 +140,10 @@ private:
         constraints_.evaluate(iterate, x, shares, objective, mu, here);
     }
 
-    // Complete the linear system from the derivatives of the rates: add the other gradients, fill
-    // the dense rows, and sum the band from the rates' blocks and the limits' curvature.
+    // Complete the linear system from the derivatives of the rates. The Hessian is a band plus
+    // row row^T / ratio of each dense row. The band is the sum of the slots' blocks and the limits'
+    // curvature. Dense rows belong to U average powers, filled once, of G nodes if there are
+    // several, and of U energies if they are limited. Variables in `fixed_` get a pivot of 1.
     void assemble(const Iterate& iterate, double mu) {
         const Band band{system_.band.data(), system_.height()};
         constraints_.add_gradient(iterate, mu, gradient_.data());

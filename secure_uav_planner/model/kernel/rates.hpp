@@ -21,7 +21,7 @@ class Rates {
 public:
     explicit Rates(const BarrierProblem& problem)
         : nodes(problem), p_(problem), signals_(problem),
-          several_(problem.nodes() > 1), weights_(receivers()), central_(receivers()),
+          several_(problem.nodes() > 1), rate_weights_(receivers()), by_rates_(receivers()),
           gradients_(p_.slots * receivers() * size()), block_(size() * size()),
           leak_gradients_(p_.nodes() * size()) {
         // If no node listens, all nodes share one leak.
@@ -31,11 +31,11 @@ public:
             leaks_.emplace_back(problem, k, k ? leaks_.back().end() : 0);
         node_leaks_.resize(leaks);
         leak_weights_.resize(leaks);
-        leak_central_.resize(leaks);
+        by_leaks_.resize(leaks);
     }
 
-    // Compute the least weighted mean of the nodes' secrecy rates in nats, with 0 for negative
-    // rates. Means begin at the nodes' offsets, which are their head starts.
+    // Return min over nodes of (offset + mean over slots of share [rate - leak]^+) / weight, in
+    // nats.
     double find_mean(const Iterate& iterate) {
         const int G = p_.nodes();
         Reals means = nodes.sum_offsets();
@@ -52,7 +52,9 @@ public:
         return *std::min_element(means.begin(), means.end()) / double(p_.slots);
     }
 
-    // Find the rates at an x. Return the objective, with the smoothing terms of leaks and nodes.
+    // Fill `here` with the receptions and node rates at an x. Return the objective: the sum over
+    // the slots of leak minus rate for one node, and N times minus the smoothed least mean for
+    // several. Leaks are smoothed if they are the largest of several rates.
     double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
@@ -80,8 +82,10 @@ public:
         return sum.total(mu, here.leak_slacks.empty() ? mu * double(p_.slots) : 0.0);
     }
 
-    // Find the gradient, with weights mu / slack, and the primal-dual Newton matrix, with duals in
-    // their place. Keep the rates' gradients for update_duals.
+    // Find the objective's gradient, (N, V) by x and behind it (N, G - 1) by shares, and the
+    // primal-dual Newton matrix, a block (W, W) a slot with W = V + G - 1. V = 3 U variables are
+    // powers and positions. Smoothed terms have weights mu / slack in the gradient and the duals in
+    // the matrix. The rates' gradients are kept for update_duals.
     void differentiate(const Iterate& iterate, double mu, double* gradients, double* hessians) {
         const int K = receivers(), V = size(), G = p_.nodes(), W = V + p_.shares();
         for (std::size_t n = 0; n < p_.slots; ++n) {
@@ -89,11 +93,11 @@ public:
             double* hessian = several_ ? block_.data() : hessians + n * V * V;
             std::fill(gradient, gradient + V, 0.0);
             std::fill(hessian, hessian + V * V, 0.0);
-            weigh(n, iterate, mu);
+            differentiate_by_rates(n, iterate, mu);
             for (int k = 0; k < K; ++k) {
                 double* rate = rates + k * V;
-                signals_.differentiate(iterate, n, k, weights_[k], rate, hessian);
-                for (int j = 0; j < V; ++j) gradient[j] += central_[k] * rate[j];
+                signals_.differentiate(iterate, n, k, rate_weights_[k], rate, hessian);
+                for (int j = 0; j < V; ++j) gradient[j] += by_rates_[k] * rate[j];
             }
             for (std::size_t l = 0; l < leaks_.size(); ++l)
                 leaks_[l].add_curvature(n, iterate, leak_weights_[l], rates + G * V, hessian);
@@ -104,16 +108,16 @@ public:
                 for (int e = 0; e < leak.count(); ++e)
                     for (int j = 0; j < V; ++j)
                         leak_gradients_[k * V + j] +=
-                            leak.central()[e] * rates[(G + leak.hearer(e)) * V + j];
+                            leak.by_rates()[e] * rates[(G + leak.hearer(e)) * V + j];
             }
             nodes.add_shares(n, iterate, mu, rates, leak_gradients_.data(), hessian,
                              gradients + p_.slots * V + n * p_.shares(), hessians + n * W * W);
         }
     }
 
-    // Move the duals of leaks and nodes along their step. `length` is the step length of all duals,
-    // so far of the limits' duals. It is lowered until duals of leaks and nodes stay positive, too.
-    // `rows` are filled by MaxMin::fill_rows, with R numbers for each variable.
+    // Move the duals of leaks and nodes along their step. `length` comes in as the step length that
+    // keeps the limits' duals positive. It is lowered until duals of leaks and nodes stay positive,
+    // too. `rows` are the nodes' dense rows by MaxMin::fill_rows, R numbers for each variable.
     void update_duals(Iterate& iterate, const double* step, double mu, int R, const double* rows,
                       double& length) {
         const int V = size();
@@ -140,29 +144,32 @@ private:
         if (several_) here.node_rates.resize(p_.slots * p_.nodes());
     }
 
-    // Find for slot n the derivatives of the objective by the receivers' rates (central_), and the
-    // weights of the rates' and leaks' Hessians in the Newton matrix (weights_, leak_weights_).
-    void weigh(std::size_t n, const Iterate& iterate, double mu) {
+    // Find for slot n the objective's derivatives by the K receivers' rates (by_rates_) and by the
+    // leaks (by_leaks_), and the weights of the rates' and leaks' Hessians in the Newton matrix
+    // (rate_weights_, leak_weights_). With one ground node its rate has -1 and the leak 1 for both.
+    // With several, node k has share / weight times mu / slack as derivative, and times the slack's
+    // dual as weight (primal-dual method). Rates have a minus sign, leaks a plus sign.
+    void differentiate_by_rates(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
-        std::fill(weights_.begin(), weights_.end(), 0.0);
-        std::fill(central_.begin(), central_.end(), 0.0);
+        std::fill(rate_weights_.begin(), rate_weights_.end(), 0.0);
+        std::fill(by_rates_.begin(), by_rates_.end(), 0.0);
         std::fill(leak_weights_.begin(), leak_weights_.end(), several_ ? 0.0 : 1.0);
-        std::fill(leak_central_.begin(), leak_central_.end(), several_ ? 0.0 : 1.0);
+        std::fill(by_leaks_.begin(), by_leaks_.end(), several_ ? 0.0 : 1.0);
         for (int k = 0; k < G; ++k) {
-            weights_[k] = central_[k] = -1.0;
+            rate_weights_[k] = by_rates_[k] = -1.0;
             if (!several_) continue;
             const double share = iterate.shares[n * G + k] / p_.receivers.weights[k];
             leak_weights_[leak_of(k)] += iterate.node_duals[k] * share;
-            leak_central_[leak_of(k)] += mu / iterate.evaluation.node_slacks[k] * share;
-            weights_[k] = -iterate.node_duals[k] * share;
-            central_[k] = -mu / iterate.evaluation.node_slacks[k] * share;
+            by_leaks_[leak_of(k)] += mu / iterate.evaluation.node_slacks[k] * share;
+            rate_weights_[k] = -iterate.node_duals[k] * share;
+            by_rates_[k] = -mu / iterate.evaluation.node_slacks[k] * share;
         }
         const Reception* at = &iterate.evaluation.receptions[n * receivers() + G];
         for (std::size_t l = 0; l < leaks_.size(); ++l) {
-            const double* duals = leaks_[l].weigh(n, at, iterate, mu);
+            const double* hearer_weights = leaks_[l].differentiate_by_rates(n, at, iterate, mu);
             for (int e = 0; e < leaks_[l].count(); ++e) {
-                weights_[G + leaks_[l].hearer(e)] += leak_weights_[l] * duals[e];
-                central_[G + leaks_[l].hearer(e)] += leak_central_[l] * leaks_[l].central()[e];
+                rate_weights_[G + leaks_[l].hearer(e)] += leak_weights_[l] * hearer_weights[e];
+                by_rates_[G + leaks_[l].hearer(e)] += by_leaks_[l] * leaks_[l].by_rates()[e];
             }
         }
     }
@@ -171,9 +178,9 @@ private:
     Signals<UAVS, Model> signals_;
     std::vector<Leak<UAVS>> leaks_;  // One for each node, or one for all nodes.
     const bool several_;             // Whether there are several ground nodes.
-    Reals weights_, central_;        // For the rates of a slot; see weigh, (K).
+    Reals rate_weights_, by_rates_;  // For the rates of a slot, (K); see differentiate_by_rates.
     Reals node_leaks_;               // The leaks of a slot in nats, one for each of leaks_.
-    Reals leak_weights_, leak_central_;  // For the leaks of a slot; see weigh.
+    Reals leak_weights_, by_leaks_;  // For the leaks of a slot; see differentiate_by_rates.
     Reals gradients_;                // Gradients of all receivers' rates, (N, K, V).
     Reals block_;                    // Hessian of a slot in x, (V, V).
     Reals leak_gradients_;           // Gradients of a slot's leak for each node, (G, V).

@@ -27,8 +27,9 @@ public:
           receivers_(problem.receivers.count), signals_(problem.uavs),
           space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
 
-    // Find the receptions in a slot, (K). The kink of a jammer's distance d at 0 is softened: d
-    // becomes sqrt(d^2 + soft), which only raises d and so lowers the secrecy rate.
+    // Find the K receptions in slot n; return the first. `x` (N, U, 3) has power and place of each
+    // UAV; UAV 0 transmits. Interference includes the noise, which is 1. The kink of a jammer's
+    // distance d at 0 is softened: d becomes sqrt(d^2 + soft), which lowers the secrecy rate.
     const Reception* receive(const double* x, std::size_t n, double soft,
                              Evaluation& here) const {
         for (int k = 0; k < receivers_; ++k) {
@@ -37,7 +38,8 @@ public:
             for (int u = 0; u < uavs(); ++u) {
                 const double* at = x + (n * uavs() + u) * 3;
                 const std::size_t i = (n * receivers_ + k) * uavs() + u;
-                find_distance(at, n, k, u, soft, here.distance[i], here.squared[i]);
+                find_guaranteed_distance(
+                    at, n, k, u, soft, here.distance[i], here.squared[i]);
                 const double power = gains_.gain(k * uavs() + u, here.squared[i]) * at[0];
                 if (u)
                     reception.interference += power;
@@ -48,16 +50,19 @@ public:
         return &here.receptions[n * receivers_];
     }
 
-    // Find the gradient of receiver k's rate by the variables of slot n, (V). Add the lower
-    // triangle of the rate's Hessian, (V, V), times a weight. For a place that moves along with the
-    // UAVs the Hessian includes the place's moves. Slope and curvature of a Signal include the
-    // factors 2 and 4 of derivatives of the squared distance.
+    // Find the gradient (V) of receiver k's rate by the variables of slot n, which are power, x and
+    // y of each UAV. Add `weight` times the rate's Hessian (V, V), lower triangle, to `hessian`.
+    // With total T = 1 + S + J and interference I = 1 + J, the rate is log T - log I, its gradient
+    // T'/T - I'/I, and its Hessian T''/T - I''/I - (T'/T) (T'/T)^T + (I'/I) (I'/I)^T.
+    //
+    // Receiver k may be the worst place in an eavesdropper's disc, which moves when UAVs move. The
+    // Hessian includes this move if `moves_along` is set.
     void differentiate(const Iterate& iterate, std::size_t n, int k, double weight,
                        double* __restrict gradient, double* __restrict hessian) {
         const int V = 3 * uavs();
         const Reception& at = iterate.evaluation.receptions[n * receivers_ + k];
         const double total = at.total();
-        double* of_total = space_.data();  // The gradients of the two logarithms.
+        double* of_total = space_.data();  // T'/T, and behind it I'/I.
         double* of_interference = of_total + V;
         for (int u = 0; u < uavs(); ++u) {
             const Signal signal = signals_[u] = find_signal(iterate, n, k, u);
@@ -70,6 +75,7 @@ public:
             const double factor = weight / total - (u ? weight / at.interference : 0.0);
             const double mixed = factor * signal.slope, isotropic = mixed * signal.power;
             const double outer = factor * signal.power * signal.curvature;
+            // The UAV's diagonal block, rows and columns power, x and y: row i begins at i V.
             double* block = hessian + 3 * u * (V + 1);
             block[V] += mixed * signal.dx;
             block[2 * V] += mixed * signal.dy;
@@ -102,16 +108,20 @@ private:
         return &p_.receivers.positions[2 * (n * receivers_ + k)];
     }
 
-    // What the guarantee adds to the distance of a UAV from a receiver.
+    // What the guarantee adds to the distance of UAV u from receiver k: minus the radius of the
+    // receiver's disc for the transmitter (u = 0), and the radius for a jammer.
     double edge(std::size_t n, int k, int u) const {
         const double radius = p_.receivers.radii[n * receivers_ + k];
         return u ? radius : -radius;
     }
 
-    // Find the distance d from a UAV to a receiver, softened at a jammer's kink, and the squared
-    // distance ([d + edge]^+)^2. For a gain with a kink of its own, soft is added to the square.
-    void find_distance(const double* x, std::size_t n, int k, int u, double soft,
-                       double& distance, double& squared) const {
+    // Set `squared` to the guarantee's squared distance ([d + edge]^+)^2, and `distance` to d, the
+    // horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot n. `edge` is -radius of
+    // the eavesdropper's disc for the transmitter (nearest place) and +radius for a jammer
+    // (farthest place). A jammer has distance = sqrt(d^2 + soft), which has no kink at d = 0. With
+    // edge 0, `distance` is 0. A gain that itself has a kink at d = 0 has soft added to `squared`.
+    void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
+                                  double& distance, double& squared) const {
         const double* at = position(n, k);
         const double dx = x[1] - at[0], dy = x[2] - at[1];
         const double edge = this->edge(n, k, u);
@@ -125,7 +135,8 @@ private:
         if constexpr (Model::KINKED) squared += soft;
     }
 
-    // Find UAV u's signal at receiver k in slot n, with its derivatives by the UAV's position.
+    // Find UAV u's signal at receiver k in slot n: offset, power, gain, and the gain's derivatives
+    // by the UAV's position. The gain is a function of s = ([d + edge]^+)^2 and s of d^2.
     Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
         const std::size_t i = (n * receivers_ + k) * uavs() + u;
         const double* x = iterate.x + (n * uavs() + u) * 3;
@@ -144,8 +155,9 @@ private:
                 4.0 * gain.second * stretch * stretch - 2.0 * gain.first * curvature};
     }
 
-    // Add the curvature that comes from a disc's worst place moving along with the UAVs. Called
-    // after differentiate has found the signals at this place.
+    // Add to the Hessian, times a weight, the curvature of a rate that comes from the worst place
+    // of an eavesdropper's disc moving along with the UAVs. `place` is n E + e for slot n and
+    // eavesdropper e. Needs the signals at this place, which differentiate finds.
     //
     // For f(x) = max_w g(x, w) the Hessian is g_xx - g_xw g_ww^-1 g_wx at the worst place w; this
     // adds the second term. For a place on the edge of its disc, w moves along the edge only, whose
@@ -158,7 +170,7 @@ private:
                              double* hessian) {
         const int V = 3 * uavs();
         const double *of_total = space_.data(), *of_interference = of_total + V;
-        double* mixed = place_space_.data();  // The derivative by variables and place, (V, 2).
+        double* mixed = place_space_.data();  // g_xw, (V, 2). Its sum by UAVs, by_place, is -g_ww.
         double total[2] = {}, interference[2] = {}, by_place[2][2] = {};
         for (int u = 0; u < uavs(); ++u)
             for (int axis = 0; axis < 2; ++axis) {
@@ -192,7 +204,8 @@ private:
         for (const auto& row : by_place)
             for (const double entry : row) largest = std::max(largest, std::fabs(entry));
         const double least = FLATTEST * largest + TINY;
-        // Add the curvature from moves of the place in a direction.
+        // Add g_xw v v^T g_wx / curvature for moves of the place along v = (x, y), where the
+        // curvature is -v^T g_ww v.
         const auto add = [&](double x, double y, double curvature) {
             const double scale = 1.0 / std::sqrt(std::max(curvature, least));
             double* row = mixed + 2 * V;

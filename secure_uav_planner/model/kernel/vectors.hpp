@@ -24,8 +24,8 @@ struct Band {
     double* entries;  // Column by column, each from the diagonal down.
     int height;       // Entries of a column.
 
-    // Add a symmetric block to the rows and columns of two points, given by the index of their x
-    // coordinate. What lies above the diagonal is left out.
+    // Add the block (xx, xy; xy, yy) at rows `row` and row + 1 of columns `column` and column + 1,
+    // which are x and y of two points with row >= column. Entries above the diagonal are left out.
     void add(std::ptrdiff_t row, std::ptrdiff_t column, double xx, double xy, double yy) const {
         double* at = entries + column * height + row - column;
         at[0] += xx;
@@ -74,7 +74,8 @@ public:
         return slots == slots_ && uavs == std::size_t(uavs_);
     }
 
-    // The number of rows below the diagonal that second derivatives fill.
+    // The number of rows below the diagonal that second derivatives by x fill: the largest distance
+    // of two points' x coordinates in one vector, and 1 more for y.
     int bandwidth() const {
         std::ptrdiff_t farthest = 0;
         for (std::size_t i = 0; i < count(); ++i)
@@ -84,7 +85,8 @@ public:
         return int(farthest) + 1;
     }
 
-    // Find the vectors of a path, or how they move.
+    // Find the I vectors of a path, constant + sum of weight * point, or without the constants the
+    // vectors' moves from the points' moves. Both are (M, U, 2).
     void find(const double* path, bool moves, std::vector<Point>& vectors) const {
         const auto locate = [&](std::size_t t) {
             return Point{path[2 * terms_[t].point], path[2 * terms_[t].point + 1]};
@@ -105,7 +107,7 @@ public:
         }
     }
 
-    // Add the gradient by x of a function whose gradient by vector i is `slope`.
+    // Add to `gradient`, (N, U, 3), by x of a function whose gradient by vector i is `slope`.
     void add_gradient(std::size_t i, Point slope, double* gradient) const {
         for_terms(i, [&](const Term& term) {
             if (term.variable < 0) return;
@@ -114,7 +116,7 @@ public:
         });
     }
 
-    // Add the Hessian by x of a function whose Hessian by vector i is (xx, xy; xy, yy).
+    // Add to the band the Hessian by x of a function whose Hessian by vector i is (xx, xy; xy, yy).
     void add_curvature(std::size_t i, double xx, double xy, double yy, const Band& band) const {
         for_pairs(i, [&](const Term& later, const Term& earlier) {
             const double weight = later.weight * earlier.weight;
@@ -129,8 +131,8 @@ public:
     }
 
 private:
-    // Call a function with every pair of a vector's terms that vary. A term is paired with itself
-    // as well.
+    // Call function(later, earlier) with every pair of vector i's terms whose points vary and whose
+    // indices in x are later >= earlier. A term is paired with itself, too.
     template <typename Function>
     void for_pairs(std::size_t i, Function function) const {
         for_terms(i, [&](const Term& later) {

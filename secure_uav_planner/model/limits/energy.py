@@ -92,10 +92,11 @@ def compile_energies(grid: Grid, positions: Array) -> core.Energies:
 
 def _list_power_terms(grid: Grid) -> Array:
     """
-    Return the coefficients of each UAV's power curve, (U, 4), for moves in units of the grid.
+    Return the coefficients (a, b, c, d) of each UAV's power curve, (U, 4).
 
-    They are of the blade's, the induced and the drag's term, in shares of max_energy a slot, with
-    the scale of squared moves in the induced term third. A UAV without propulsion has zeros.
+    The power for a move of squared length s [grid.length^2] a slot, in shares of max_energy a
+    slot, is a s + b / sqrt(sqrt(1 + r^2) + r) + d s^1.5 plus a constant, with r = c s. The terms
+    are the blades', the induced and the drag's. Without propulsion all coefficients are 0.
     """
     scenario = grid.scenario
     unit = (grid.length / grid.slot_duration)**2  # The unit of squared speeds.
@@ -112,7 +113,7 @@ def _list_power_terms(grid: Grid) -> Array:
 
 def _compile_moves(grid: Grid) -> tuple[core.Vectors, Array]:
     """
-    Return the kernel's form of the S moves of Simpson's rule, and their weights, (U, S).
+    Return the kernel's form of the S = 2 N + 3 moves of Simpson's rule, and their weights, (U, S).
 
     A move is share * (end - begin) plus a constant. First come the N + 1 moves of the path, then
     the N mean moves in the middle of slots, then the mean moves at both ends. An end with a free

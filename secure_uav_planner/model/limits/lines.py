@@ -138,7 +138,7 @@ class LineLimit(Limit):
 
     @property
     def compiled_points(self) -> core.Vectors:
-        """Return the kernel's form of the control points of pairs."""
+        """Return the control points of pairs, of two UAVs first minus second, for the kernel."""
         number, uavs = np.arange(self.grid.slots + 2)[:, None], len(self.grid.fixed)
         # A control point is a sum of q[n], q[n-1] and q[n+1] with weights, in this order.
         near: NDArray[np.intp] = np.clip(number + [0, -1, 1], 0, number[-1])
