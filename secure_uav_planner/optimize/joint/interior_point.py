@@ -72,9 +72,9 @@ class InteriorPointSolver:
 
     def rates(self) -> Array:
         """
-        Return each start's least weighted mean rate in units, negative rates as 0, (S,).
+        Return each start's least weighted mean rate over nodes, (S,) in units of grid.rate.
 
-        The rate of a start with an energy that may exceed its limit is 0.
+        The rate is 0 if it is negative, or if an energy of the start may exceed its limit.
         """
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)

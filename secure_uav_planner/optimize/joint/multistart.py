@@ -52,15 +52,17 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
               else MULTISTART.many_uavs if len(incumbent.scenario.uavs) >= MULTISTART.many
               else MULTISTART.single_node)
     grid, first, batches = _generate_coarse_starts(driver, search)
-    x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
-    agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
-              and (counts_sights
-                   or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
-                       baseline.rate / grid.rate + MULTISTART.close)))
+    x, rates = _advance_starts(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
+    # If most of the first starts end in the best optimum, other starts would end there, too. The
+    # baseline must be far below it. Rates at an elevation offset do not compare with the baseline.
+    in_best = (rates > (1 - MULTISTART.distinct) * rates.max()).mean()
+    agreed = in_best >= MULTISTART.agreed and (
+        counts_sights or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
+            baseline.rate / grid.rate + MULTISTART.close))
     if not agreed:
         with suppress(*_FAILURES):
             for more_x, mu in batches:
-                more_x, more_rates = _advance(
+                more_x, more_rates = _advance_starts(
                     early, grid, more_x, mu, search.ranking, search.lowered)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = select_best(rates, search.gap, MULTISTART.polished)
@@ -101,10 +103,13 @@ def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Stat
 
 def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     """
-    Improve only the powers of an Incumbent; return the status of the best level.
+    Improve only the powers of an Incumbent; return the status of the best start.
 
-    :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
-    :raises NumericalError: when no step can be computed from any level.
+    The flights are fixed. The starts have the incumbent's powers, and the largest powers of starts
+    with jammers at the shares MULTISTART.levels.
+
+    :param least: mean rate in units that a start must reach on a coarse grid to be finished.
+    :raises NumericalError: when no step can be computed from any start.
     """
     incumbent.try_less_jamming()
     driver = SolverDriver(incumbent, replace(incumbent.problem.grid, is_fixed=True))
@@ -138,32 +143,40 @@ def _generate_coarse_starts(driver: SolverDriver, search: Search
         slots *= 2
 
 
-def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
-             ranking: tuple[tuple[float, int], ...], lowered: float) -> tuple[Array, Array]:
+def _advance_starts(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
+                    ranking: tuple[tuple[float, int], ...], lowered: float
+                    ) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,).
+    Return the last S' ranked starts (S', N, U, 3) after Newton steps, and their rates (S',).
 
-    :param ranking: shares of the starts that take steps, and how many; see Search.
-    :param lowered: ratio of the last barrier parameter and the least first one.
+    :param x: variables of the starts, (S, N, U, 3).
+    :param mu: first barrier parameters, (S,).
+    :param ranking: pairs (p, n): the best ceil(p S) starts take n steps; see Search.
+    :param lowered: last barrier parameter over the least of the first ones.
     """
-    least = min(lowered * mu.min(), DESCENT.coarse_mu)
+    final = min(lowered * mu.min(), DESCENT.coarse_mu)
     solver = driver.build_solver(grid, x, mu)
     for share, steps in ranking:
         if share < 1:
             best = np.argsort(-solver.rates(), kind='stable')[:math.ceil(share * len(x))]
             solver = driver.build_solver(grid, solver.x[best], solver.mu[best])
-        driver.advance(solver, steps, least)
+        driver.advance(solver, steps, final)
     driver.try_best(solver)
     return solver.x, solver.rates()
 
 
 def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             search: Search) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
+    """
+    Return starts (S, N, U, 3) and their rates in units, (S,), after polishing.
+
+    A polish takes Newton steps from a barrier parameter of share * rate, for each share of
+    search.polish_mus. A start is replaced if its rate rises.
+    """
     with suppress(*_FAILURES):
         for share in search.polish_mus:
             mu = np.maximum(share * rates, DESCENT.final_mu)
-            new_x, new_rates = _advance(
+            new_x, new_rates = _advance_starts(
                 driver, grid, x, mu, ((1.0, search.polish_steps),), search.lowered)
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
@@ -172,7 +185,12 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
          search: Search, hops: Hops) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) and rates (S,) after hops; a hop is kept if it raises a rate."""
+    """
+    Return starts (S, N, U, 3) and rates (S,) after hops; see Hops.
+
+    A hop changes a start at random and takes Newton steps. It replaces its start if its rate is
+    higher. `x` and `rates` are changed in place.
+    """
     rng, kept = np.random.default_rng(6), hops.kept
     with suppress(*_FAILURES):
         for _ in range(hops.rounds):
@@ -180,21 +198,23 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             number = np.resize(select_best(rates, search.gap, kept), MULTISTART.hops_at_once)
             hopped, tried, mu = generate_hops(
                 grid, x[number], rates[number], rng, driver.raise_if_over)
-            new_x, new_rates = _advance(
+            new_x, new_rates = _advance_starts(
                 driver, grid, tried, mu, ((1.0, MULTISTART.hop_steps),), search.lowered)
             for start, new, rate in zip(number[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate
-            kept -= rates.max() < (1 + MULTISTART.distinct) * best
+            if rates.max() < (1 + MULTISTART.distinct) * best:
+                kept -= 1
             if not kept:
                 break
     return x, rates
 
 
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
-    """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
+    """Try the baseline with the best powers, which are finished if close to the incumbent."""
     with suppress(*_FAILURES):
         unit = incumbent.problem.grid.rate
+        # Close: below by at most a share of the rate plus an absolute term, both MULTISTART.close.
         improve_powers(baseline, np.log(2) * (
             (1 - MULTISTART.close) * incumbent.rate / unit - MULTISTART.close))
         baseline.try_idle_slots()
