@@ -96,7 +96,7 @@ def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: B
     Yield the errors of a UAV's start or goal inside a zone or outside the fence.
 
     :param path: path of the start or the goal, such as ('uavs', 0, 'start').
-    :param slack: distance in m by which the place may violate a limit.
+    :param slack: largest allowed depth of the place in a zone, or outside the fence [m].
     """
     field = path[-1]
     place = getattr(uav, field)

@@ -69,9 +69,9 @@ class Rejoin:
 
 def find_first_point(scenario: Scenario, time: float) -> int:
     """
-    Return the last point that must be kept so that the curve before a time [s] stays as it is.
+    Return the index of the last point that must be kept so that the curve before `time` stays.
 
-    All later points may change.
+    All later points may change. The time is from point 0 [s].
     """
     return max(0, math.ceil(time / scenario.slot_duration + _find_support_offset(scenario)))
 
@@ -183,11 +183,13 @@ class _RecoveryPath:
 
     def __init__(self, playback: Playback, uav: int, first: int, begin: Uav,
                  state: MeasuredState, tolerance: float) -> None:
-        self._path, self._first, self._begin = playback.plan.positions[uav], first, begin
+        self._path = playback.plan.positions[uav]  # Points of the plan, (N+2, 2) in m.
+        self._first, self._begin = first, begin
         self._step = playback.plan.scenario.slot_duration
         self._tolerance = tolerance
         self._points = _list_candidates(first, playback.plan.scenario.slots)
         self._smooth = begin.max_acceleration is not None
+        # Times of the candidate points; a given state lies on a smooth curve half a slot earlier.
         times = (np.array(self._points) - (0.5 if self._smooth else 0.0)) * self._step
         self._states = (predict_stop(state, times, begin.max_acceleration) if state.is_held
                         else predict_return(playback, uav, state, times))
@@ -200,10 +202,10 @@ class _RecoveryPath:
 
     def find_path(self, point: int) -> Array | None:
         """
-        Return the path up to a candidate point, (point + 1, 2) in m, or None without one.
+        Return the path up to a candidate point, (point + 1, 2) in m, or None if it is too fast.
 
-        It is the plan's path if the UAV is back on its plan there. Otherwise it leads from the
-        last kept point to the predicted state, with the least utilisation.
+        The path is the plan's if the UAV is back on its plan there. Otherwise the path from the
+        last kept point to the state predicted for the candidate has the least utilisation.
         """
         index = self._points.index(point)
         if self.is_on_plan(index):
@@ -211,7 +213,8 @@ class _RecoveryPath:
         position, velocity = (state[index] for state in self._states)
         begin, vehicle, end = self._path[self._first], self._begin.vehicle, position[None]
         if self._smooth:
-            # The curve has a given state between the control points half a slot before and after.
+            # The last two points lie half a slot before and after the predicted state, so that the
+            # curve between them has this state.
             move = np.array(clip_norm(*_to_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])

@@ -59,7 +59,7 @@ def list_features(text: str) -> list[tuple[Any, Any]]:
 
 
 def _list_geometries(geometry: Any) -> Iterator[Any]:
-    """Yield the geometries in a GeometryCollection, or any other geometry."""
+    """Yield a geometry itself, or the geometries in a GeometryCollection at any depth."""
     if isinstance(geometry, Mapping) and geometry.get('type') == 'GeometryCollection':
         for part in checked_field(geometry, 'geometries', list, 'a list'):
             yield from _list_geometries(part)

@@ -140,17 +140,15 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     """
     Return the flight of least utilisation of a UAV from start to goal, (N+2, 2) in m.
 
-    Around obstacles it follows a route, and starts and ends at rest.
-
     :param index: index of the UAV.
-    :param route: index of the route around obstacles, 0 for the shortest and the straight one.
-    :return: None without such a route.
+    :param route: index of the route around obstacles, flown from rest to rest; 0 for the shortest.
+    :return: None without such a route. Without obstacles only route 0 exists.
     """
     scenario = problem.scenario
     uav = scenario.uavs[index]
     graph, [routes] = problem.find_routes(
         index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
-    if graph is None:  # Without obstacles.
+    if graph is None:
         return uav.start + problem.grid.least_flights.find(
             uav.vehicle, scenario.slots, scenario.slot_duration)[1] if route == 0 else None
     if len(routes) <= route:
@@ -189,10 +187,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     possible, impossible = 0.0, 1.0
     for share in (1.0, *[None] * _HALVINGS):
         share = (possible + impossible) / 2 if share is None else share
-        if sum(map(_measure_length, find_legs(share))) <= moves * step:
-            possible = share
-        else:
-            impossible = share
+        fits = sum(map(_measure_length, find_legs(share))) <= moves * step
+        possible, impossible = (share, impossible) if fits else (possible, share)
     legs = find_legs(possible)
     lengths = np.array([_measure_length(leg) for leg in legs])
     if lengths.sum() > moves * step:

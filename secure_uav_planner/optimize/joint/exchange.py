@@ -67,7 +67,7 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
-    """Return the best iterate in (P1), (N, U, 3), after a few steps from each of some optima."""
+    """Return the iterate (N, U, 3) of the best rate in (P1) after a few steps from optima."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXCHANGE.explored]:
         exchange = _Exchange(driver, optima.grid, x, EXCHANGE.exploring_mu)

@@ -53,8 +53,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
               else MULTISTART.single_node)
     grid, first, batches = _generate_coarse_starts(driver, search)
     x, rates = _advance_starts(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
-    # If most of the first starts end in the best optimum, other starts would end there, too. The
-    # baseline must be far below it. Rates at an elevation offset do not compare with the baseline.
+    # If most of the first starts end in the best optimum, and this is far above the baseline, the
+    # rest are not begun. Rates at an elevation offset do not compare with the baseline's.
     in_best = (rates > (1 - MULTISTART.distinct) * rates.max()).mean()
     agreed = in_best >= MULTISTART.agreed and (
         counts_sights or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
@@ -168,10 +168,9 @@ def _advance_starts(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
 def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             search: Search) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) and their rates in units, (S,), after polishing.
+    Return starts (S, N, U, 3) and their rates (S,) after Newton steps that raise a start's rate.
 
-    A polish takes Newton steps from a barrier parameter of share * rate, for each share of
-    search.polish_mus. A start is replaced if its rate rises.
+    The steps begin with the barrier parameter share * rate, for each share in search.polish_mus.
     """
     with suppress(*_FAILURES):
         for share in search.polish_mus:
@@ -186,10 +185,9 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
          search: Search, hops: Hops) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) and rates (S,) after hops; see Hops.
+    Return starts (S, N, U, 3) and rates (S,) after hops, changed in place; see Hops.
 
-    A hop changes a start at random and takes Newton steps. It replaces its start if its rate is
-    higher. `x` and `rates` are changed in place.
+    A hop changes a start at random, takes Newton steps, and is kept if it raises the rate.
     """
     rng, kept = np.random.default_rng(6), hops.kept
     with suppress(*_FAILURES):

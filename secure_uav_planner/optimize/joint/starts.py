@@ -157,10 +157,9 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
 def _generate_visiting(grid: Grid, baseline: Array, count: int,
                        raise_if_over: DeadlineCheck) -> tuple[Array, Array, float]:
     """
-    Return at most `count` starts that visit all ground nodes, the baseline as the last one.
+    Return the best starts of generate_visits and the baseline as the last one, at most `count`.
 
-    The other starts are the best of generate_visits. Starts without strictly feasible flights are
-    left out.
+    Starts without strictly feasible flights are left out.
 
     :return: the starts, (S, N, U, 3); their first barrier parameters, (S,); and a scale for the
         barrier parameters of random starts: the best estimated rate, clipped to STARTS.scales. All
@@ -190,8 +189,6 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
 
     Around obstacles, the first batch also tries other routes to the first hovering places. If
     fewer flights than starts are found, several starts share a flight and differ in their powers.
-
-    :raises NumericalError: when too few flights are found on a grid that can be finer, or none.
     """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
@@ -301,8 +298,8 @@ def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Route
     """
     Yield alternative routes to hovering places (U, 2) or (G, U, 2) in m.
 
-    The first alternative has the shortest routes and passes other UAVs on the opposite side. Each
-    other one gives one UAV its second or third shortest route on the way out or on the way back.
+    First UAVs pass on the opposite side. Then one UAV takes its second or third shortest route, to
+    its place or to its goal.
 
     :return: routes as for build_flights, and whether UAVs that meet pass on the opposite side.
     """

@@ -173,10 +173,9 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
     """
     Return the flights (C, U, N+2, 2) in m on a grid of C starts that pass the places of visits.
 
-    In every slot each UAV flies at full speed towards its place of the present visit, and waits
-    there. It leaves for the next place when half of the way there takes the rest of the visit. It
-    stays near enough to its goal to reach it. If any UAV's goal is too far for this, all flights
-    are the reference flight.
+    A UAV flies at full speed to its place of the present visit and waits there. It leaves when
+    half of the way to the next place takes the rest of the visit, and stays in reach of its goal.
+    If any UAV has no time to fly straight to its goal so, all have the reference flight.
     """
     scenario, ends = grid.scenario, visits.ends
     steps = scenario.max_speeds * grid.slot_duration
