@@ -56,8 +56,7 @@ class Incumbent:
         self._longest = 0.0  # Longest duration of try_improve [s].
         self.try_improve()
         if not problem.keeps_energy(positions):
-            # Any flights within the limits of energy are better.
-            self._keeps_energy, self.rate = False, -math.inf
+            self._keeps_energy, self.rate = False, -math.inf  # Below any flights that keep it.
         if parent is None:
             self.report('start')
 

@@ -175,16 +175,15 @@ class _RecoveryPath:
     """
     Paths of a UAV from the last kept point of its plan to its predicted states.
 
-    :param first: the last kept point.
-    :param begin: the UAV with the state that the plan has at that point as its start.
+    :param first: index of the last kept point.
+    :param begin: the UAV with the plan's state at the last kept point as its start.
     :param state: the measured state of the UAV.
     :param tolerance: largest distance [m] from the plan of a UAV that is back on its plan.
     """
 
     def __init__(self, playback: Playback, uav: int, first: int, begin: Uav,
                  state: MeasuredState, tolerance: float) -> None:
-        self._path = playback.plan.positions[uav]  # Points of the plan, (N+2, 2) in m.
-        self._first, self._begin = first, begin
+        self._path, self._first, self._begin = playback.plan.positions[uav], first, begin
         self._step = playback.plan.scenario.slot_duration
         self._tolerance = tolerance
         self._points = _list_candidates(first, playback.plan.scenario.slots)
@@ -213,8 +212,7 @@ class _RecoveryPath:
         position, velocity = (state[index] for state in self._states)
         begin, vehicle, end = self._path[self._first], self._begin.vehicle, position[None]
         if self._smooth:
-            # The last two points lie half a slot before and after the predicted state, so that the
-            # curve between them has this state.
+            # The curve has the predicted state halfway between the last two points.
             move = np.array(clip_norm(*_to_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])

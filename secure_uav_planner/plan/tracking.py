@@ -377,15 +377,14 @@ class AchievedRates:
         if start_ns != self._start_ns:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
         last, self._last = self._last, time
-        # Begin of the first slot and end of the last one [s].
-        begin, end = scenario.slot_duration * np.array([1, scenario.slots + 1])
-        self._flown = max(0.0, min(time, end) - begin)
+        slots_begin, slots_end = scenario.slot_duration * np.array([1, scenario.slots + 1])
+        self._flown = max(0.0, min(time, slots_end) - slots_begin)
         if not 0 < time - last <= LONGEST_GAP * max(1.0, time_scale):
             return
-        elapsed = min(time, end) - max(last, begin)
+        elapsed = min(time, slots_end) - max(last, slots_begin)
         if elapsed <= 0:
             return
-        time = min(time, end - 1e-6 * scenario.slot_duration)  # Inside the last slot.
+        time = min(time, slots_end - 1e-6 * scenario.slot_duration)  # Inside the last slot.
         moment = playback.at(time)
         both = np.stack([positions, moment.positions], axis=1)
         rates = channel.guaranteed_node_rates(

@@ -205,8 +205,7 @@ class _Projection:
         :param target: path that the answer stays near, (N+2, U, 2) in units.
         """
         step, size = self._step, 2 * self._grid.slots * len(group)
-        # The variables are d_x and d_y of each point in turn, the excess and the shortfall. A
-        # point's d_x has the column `columns`, (N+2, U); -1 for points that do not vary.
+        # The column of d_x of each point, (N+2, U), before d_y; -1 for points that do not vary.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
         excess, shortfall = size, size + 1

@@ -136,10 +136,9 @@ def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple
 
 def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> InteriorPointSolver:
     """
-    Return a solver on a grid after ENERGY.steps Newton steps from starts.
+    Return a solver on a grid after ENERGY.steps Newton steps, and propose its best iterate.
 
-    Starts without flights strictly inside the limits are left out. The best iterate is proposed to
-    the driver's incumbent.
+    Starts without flights strictly inside the limits are left out.
     """
     x, beginnings = [], []
     for positions, powers, beginning in starts:
