@@ -160,7 +160,7 @@ def _area_tolerance(corners: Array) -> float:
 
 
 def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
-    """Triangulate by cutting off ears; return triangles and diagonals as indices of corners."""
+    """Return triangles of corners (K, 2), found by cutting off ears, and diagonals, as indices."""
     indices, tolerance = list(range(len(corners))), _area_tolerance(corners)
     triangles, diagonals = [], []
     while len(indices) > 3:

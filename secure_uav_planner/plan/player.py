@@ -346,7 +346,7 @@ class Player:
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:
-        """Update what is flown, playing and delivered since an earlier state of the flight."""
+        """Update what is flown and delivered since `before`, and stop playing at the end."""
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:

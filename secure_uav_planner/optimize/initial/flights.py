@@ -282,8 +282,7 @@ def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
     Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2) in m.
 
     With a limit of acceleration, moves are moving averages over as many slots as the acceleration
-    to full speed takes. A UAV that turns without hovering may still exceed the limit, which
-    Problem.retract corrects.
+    to full speed takes. Where a UAV turns without hovering, Problem.retract must correct them.
     """
     slots, duration = problem.scenario.slots, problem.scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)

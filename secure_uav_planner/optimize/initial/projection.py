@@ -151,7 +151,7 @@ class _Projection:
         return None
 
     def _choose_lines(self, base: Array) -> list[Lines]:
-        """Return the lines of every limit for a path."""
+        """Return the separating lines of every limit for a path (N+2, U, 2) in units."""
         chosen = []
         for limit in self._lines:
             self._raise_if_over()

@@ -66,7 +66,7 @@ def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
 
 
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights near fly-hover-fly; failing that, near direct flights; failing both, None."""
+    """Return (U, N+2, 2) in m near fly-hover-fly, else near direct flights; None if none exist."""
     places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
@@ -130,10 +130,9 @@ def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoRe
         if not obstructions:
             raise
     obstructions.sort(key=lambda obstruction: -obstruction.shortest)
-    # Duration [s] that suffices for each UAV alone, infinite if none does.
     each = obstructions[0].shortest if obstructions else scenario.duration
     errors = []
-    if math.isfinite(each):
+    if math.isfinite(each):  # Some duration [s] suffices for each UAV alone.
         try:
             together = _find_duration_around(scenario, each, raise_if_over)
         except TimeLimitError:
@@ -277,10 +276,10 @@ def _list_landmarks(scenario: Scenario) -> Array:
 def adapt_plan(problem: Problem, plan: Plan,
                raise_if_over: DeadlineCheck = lambda: None) -> tuple[Array | None, Array]:
     """
-    Return the positions and powers of a plan made feasible for another problem.
+    Return positions (U, N+2, 2) in m and powers (U, N) in W of a plan adapted to another problem.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    Flights that break limits are replaced by the nearest flights that keep them; if there are
+    Flights that break limits are replaced by the nearest flights that keep them. If there are
     none, the positions are None.
 
     :raises OptionError: when the number of UAVs differs.

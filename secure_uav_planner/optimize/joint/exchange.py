@@ -158,8 +158,9 @@ class WorstPlaces:
         self._centres = self._discs.centres.swapaxes(0, 1)  # (N, E, 2)
         self._radii = self._discs.radii.T  # (N, E)
         self._guarantee = Receivers.of(grid)
-        worst, leaks = self._find_worst(x)
+        worst, leaks = self._find_worst(x)  # Worst places (N, E, 2) in m, leaks (N, E) in nats.
         offset = worst - self._centres
+        # The first places are the worst place of a disc turned about the centre by some angles.
         # The SINRs of colluding eavesdroppers add up over all places, so each has one place only.
         angles = EXCHANGE.angles[:1] if self._scenario.colluding else EXCHANGE.angles
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]

@@ -95,9 +95,9 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     """
     Return stops from which nodes (G, 2) in m are served in an order without jamming, (G, 2) in m.
 
-    Each stop is the node itself or a random place around it, and has a positive rate for the node.
-    Dynamic programming finds the stops of the shortest way from start to goal. Such stops are for
-    missions without a jammer, in which places between the nodes may have no rate.
+    A stop is a node or a random place around it with a positive rate for the node. Dynamic
+    programming finds the stops of the shortest way. Such stops are for missions without a jammer,
+    in which places between the nodes may have no rate.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
@@ -107,7 +107,6 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     powers = np.full((1, points.shape[1] - 2), scenario.average_powers[0])
     rates = guaranteed_node_rates(scenario, points, powers, times=np.full(
         powers.shape[1], scenario.duration / 2)).reshape(len(nodes), *shape)
-    # Infinite at places without a positive rate for their node, 0 elsewhere.
     penalties = np.where(rates[order, np.arange(len(nodes))] > 0, 0.0, np.inf)
     # Length [m] of the shortest way from the start to each place of the present node.
     lengths = penalties[0] + np.linalg.norm(places[0] - scenario.starts[0], axis=-1)
@@ -384,8 +383,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     """
     Return positions (U, N+2, 2) in m moved strictly inside the limits of acceleration.
 
-    The limit of speed needs no change: callers blend positions towards the reference flight or
-    interpolate them, and both keep this limit.
+    Blending towards the reference flight and interpolating, before this, keep the speed limit.
     """
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):

@@ -59,9 +59,8 @@ def _improve_visits(grid: Grid, visits: Visits, powers: Array, rng: np.random.Ge
     """
     Return the visits of C starts after rounds of random changes.
 
-    In a round every start is changed once. The change is kept if it raises the start's estimate.
-    The rounds end after VISIT_SEARCH.changes rounds once the share VISIT_SEARCH.serving of the
-    starts serves all nodes, and after VISIT_SEARCH.most_changes rounds at the latest.
+    A round changes every start once, and keeps changes that raise the start's estimate. Rounds end
+    after VISIT_SEARCH.changes if enough starts serve all nodes, otherwise after `most_changes`.
 
     :param powers: largest power of each UAV in starts, (U, 1) in W.
     """
