@@ -167,6 +167,7 @@ def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
         return
     uavs = tuple(replace(uav, goal=_to_point(path[-1]), goal_velocity=None)
                  for uav, path in zip(tail.uavs, positions, strict=True))
+    # A Plan checks its limits when it is made.
     Plan(replace(tail, uavs=uavs, slots=slots, duration=slots * tail.slot_duration), positions,
          np.zeros((len(uavs), slots)))
 

@@ -92,6 +92,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
         start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
         gaps=_join_gaps(plan, tail, first, delay),
+        # The inverse of the change in cut_tail.
         promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))
 
 
@@ -111,7 +112,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
 
 
 def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
-    """Return `updated` with the receivers of `scenario` up to a point and its own after it."""
+    """Return `updated`, but with receivers that follow `scenario` up to a point."""
     if point == 0:
         return updated
     step = scenario.slot_duration

@@ -88,10 +88,10 @@ class FollowerReports:
 
     def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
         """
-        Return the time of this plan in ns at the first of the last reports that have departed.
+        Return the plan's time [ns] from which all reports depart, or in the last report if none.
 
-        :param has_departed: tells for the times of the clock and of the plan in ns whether the
-            flight has departed from its schedule.
+        :param has_departed: tells for the times of the clock and of the plan [ns] whether the
+            flight departs from its schedule.
         """
         departure = self.plan_ns
         for clock_ns, plan_ns in reversed(self._pairs):

@@ -123,7 +123,7 @@ def _find_map_kind(feature: Any) -> str | None:
 
 
 def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
-    """Yield the areas of a feature; raise ScenarioError where it has none."""
+    """Yield the areas of an item of list_features; raise ScenarioError if there is none."""
     feature, is_ambiguous = item
     properties, is_fence = _properties(feature), _find_map_kind(feature) == 'geofence'
     geometry = checked_field(feature, 'geometry', Mapping, 'a polygon')

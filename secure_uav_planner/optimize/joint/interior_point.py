@@ -218,7 +218,7 @@ class SolverDriver:
 
         :param mu: barrier parameter to which the solver lowers its own.
         :param steps: largest number of steps.
-        :param at_once: steps in one call of the solver. Only with 1 it may be done before `steps`.
+        :param at_once: steps in one call of the solver. Above 1, all `steps` are taken.
         :param try_every: steps between two proposals to the incumbent; 0 for no proposal.
         """
         taken = 0

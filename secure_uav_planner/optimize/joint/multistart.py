@@ -69,6 +69,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
         x, rates = _polish(early, grid, x[near], rates[near], search)
         x, rates = _hop(early, grid, x, rates, search, search.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
+    # The best are finished on the full grid, while elevation offsets fall to 0.
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
         fine = early.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
