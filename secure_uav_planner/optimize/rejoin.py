@@ -202,7 +202,7 @@ class _RecoveryPath:
 
     def find_path(self, point: int) -> Array | None:
         """
-        Return the path up to a candidate point, (point + 1, 2) in m, or None if it is too fast.
+        Return the path up to a candidate point, (point + 1, 2) in m; None if limits allow none.
 
         The path is the plan's if the UAV is back on its plan there. Otherwise the path from the
         last kept point to the state predicted for the candidate has the least utilisation.

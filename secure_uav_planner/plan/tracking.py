@@ -223,8 +223,8 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     """
     Predict the flight of a UAV back to its plan, as its autopilot would steer it.
 
-    The commanded velocity is the planned velocity plus GAIN times the offset to the plan, limited
-    by max_speed, and braking and changes of velocity by max_acceleration.
+    The commanded velocity is the planned velocity plus GAIN times the offset to the plan, at most
+    max_speed. Velocity changes at max_acceleration, and is low enough to brake at it in time.
 
     :param times: (K,) in s from point 0, increasing. Before the time of the measured state, its
         position and velocity are returned.

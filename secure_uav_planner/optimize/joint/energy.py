@@ -174,8 +174,7 @@ def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
     """Yield starts from the plans without limits of energy: as they are, and with circles."""
-    # Positions, powers, and the number of beginnings, with and without circles.
-    flights = [(best.positions, best.powers, 3) for best in unlimited]
+    flights = [(best.positions, best.powers, 3) for best in unlimited]  # 3 beginnings each.
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
         for x in optima.x[1:1 + ENERGY.optima]:

@@ -39,6 +39,9 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     """
     Improve the incumbent of a SolverDriver from several starts; return the status of the best.
 
+    Starts take Newton steps, polish and hop on a coarse grid. The best are finished on the full
+    grid. Rates of incumbents [bit/s/Hz] times log(2) / grid.rate are in units.
+
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
     incumbent = driver.incumbent
@@ -89,13 +92,12 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
         with suppress(*_FAILURES):
             for share in search.polish_mus:
                 if incumbent.rate > 0:
-                    improve_incumbent(
-                        driver, share * np.log(2) * incumbent.rate / grid.rate)
+                    improve_incumbent(driver, share * np.log(2) * incumbent.rate / grid.rate)
     return 'converged' if fine.finished.any() else status
 
 
 def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Status:
-    """Improve the incumbent as it is, from a barrier parameter on; return the status."""
+    """Improve the incumbent's own iterate from the first barrier parameter mu."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, DESCENT.warm_share,
                                driver.raise_if_over)

@@ -30,12 +30,11 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     With several ground nodes, _visit_nodes extends the places to (S, G, U, 2). The first start is
     the paper's: the transmitter above the ground node, the jammers above the eavesdroppers in
     turn. Other starts have random places around receivers, near enough for lines of sight if these
-    count; the places rotate and shift with the map. Receivers that move are taken at half time,
-    and in every second start at random times.
+    count; the places rotate and shift with the map. Receivers that move are taken at `times`:
+    at half time, and in every second start at random times.
     """
     rng = np.random.default_rng(0)
     uavs = len(scenario.uavs)
-    # Time [s] at which each UAV's target has its place.
     times = np.full((count, uavs), scenario.duration / 2)
     if scenario.has_tracks:
         # Each UAV has its own times: where receivers cross, jammers have a choice of sides.

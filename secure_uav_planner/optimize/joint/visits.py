@@ -57,7 +57,7 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
     :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
     weights = scenario.node_weights[order]
-    needs = np.full(len(order), 1 / len(order))  # Durations in shares of the flight, (V,).
+    needs = np.full(len(order), 1 / len(order))
     for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
         middles = (np.cumsum(needs) - needs / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, middles, powers, rng)
@@ -175,7 +175,7 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
 
     A UAV flies at full speed to its place of the present visit and waits there. It leaves when
     half of the way to the next place takes the rest of the visit, and stays in reach of its goal.
-    If any UAV has no time to fly straight to its goal so, all have the reference flight.
+    If any UAV has no time for this even on the straight way, all have the reference flight.
     """
     scenario, ends = grid.scenario, visits.ends
     steps = scenario.max_speeds * grid.slot_duration
