@@ -140,7 +140,7 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                                      f'{scenario.duration:g} s that are left')
     powers = plan.powers[:, :point].copy()
     if point > first:
-        # On the new paths, slots with a rate that is not positive are silent.
+        # On the new paths, slots whose rates are all negative are silent.
         times: Array = np.arange(first + 1.0, point + 1) * step
         powers[:, first:], rates = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],

@@ -179,7 +179,7 @@ class _Reader:
         self._count = 0
 
     def value(self, node: yaml.Node, path: FieldPath) -> Any:
-        """Return the value of a node at a path."""
+        """Return a node as plain values, and note the lines of its fields; `path` leads to it."""
         self._count += 1
         if self._count > MOST_VALUES or len(path) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(

@@ -66,7 +66,7 @@ def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
 
 
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return (U, N+2, 2) in m near fly-hover-fly, else near direct flights; None if none exist."""
+    """Return flights (U, N+2, 2) in m near fly-hover-fly or, failing this, near direct flights."""
     places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(

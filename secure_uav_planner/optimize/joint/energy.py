@@ -86,7 +86,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Find a first plan within limits of energy: straight flights with loiter circles."""
+    """Find a first plan of (P2) within limits of energy: straight flights with loiter circles."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
     _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
@@ -199,7 +199,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return the errors of UAVs whose least energies (U,) in J are above their budgets."""
+    """Return the errors of UAVs with least energies (U,) in J over max_energy; if none, of all."""
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
