@@ -130,7 +130,7 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
     """
     Return a scenario with the receivers of a source on new tracks.
 
-    :param tracks: tracks of the ground nodes, then of the eavesdroppers. None keeps a receiver.
+    :param tracks: tracks of ground nodes, then of eavesdroppers. None keeps the source's receiver.
     """
     nodes = len(source.ground_nodes)
     return replace(

@@ -170,7 +170,7 @@ def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
 
 
 def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
-    """Return a floor or ceiling in m above the ground, None if there is none."""
+    """Return the 'floor' or 'ceiling' in m above the ground, also from its _amsl property."""
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)

@@ -47,7 +47,7 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
 
 def improve_from_start(driver: SolverDriver, x: Array, mu: float,
                        prices: float | Array = DESCENT.first_price) -> Status:
-    """Improve the incumbent from a start on the full grid, (N, U, 3), and prices of energies."""
+    """Improve the incumbent for (P1) from x (N, U, 3) on the full grid, in at most two rounds."""
     incumbent = driver.incumbent
     before = incumbent.rate
     status, at_rest = _improve_once(driver, x, mu, DESCENT.most_steps, prices)

@@ -131,7 +131,7 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
 
 def _generate_coarse_starts(driver: SolverDriver, search: Search
                             ) -> tuple[Grid, _Starts, Iterator[_Starts]]:
-    """Return the coarsest grid with room for most starts, their first batch, and the rest."""
+    """Return the coarsest grid tried with room for most starts, their first batch and the rest."""
     is_whole = driver.grid.slots <= search.whole_slots
     slots = driver.grid.slots if is_whole else DESCENT.coarse_slots
     while True:
