@@ -197,7 +197,7 @@ class _Reader:
                                        problem_mark=node.start_mark) from None
 
     def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
-        """Return a mapping's values; values merged by `<<` yield to others. Note lines, problems."""
+        """Return the values of a mapping and of `<<`, which yield; note lines and problems."""
         values: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:
