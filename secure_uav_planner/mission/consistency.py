@@ -69,8 +69,8 @@ def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
     except ScenarioError as error:
         yield error
     for field in ('start', 'goal'):
-        # The flown curve passes its first and last control point at up to end_deviation. A plan's
-        # tail may start beyond a limit by one tolerance, from rounding.
+        # The flown curve begins and ends up to end_deviation from the start and the goal. A plan's
+        # tail may start beyond a limit by POSITION_TOLERANCE, from rounding.
         slacks = [2 * POSITION_TOLERANCE + uav.end_deviation(field, slot_duration)
                   for uav in uavs]
         for number, slack in enumerate(slacks):
@@ -96,7 +96,7 @@ def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: B
     Yield the errors of a UAV's start or goal inside a zone or outside the fence.
 
     :param path: path of the start or the goal, such as ('uavs', 0, 'start').
-    :param slack: distance in m by which the place may violate a limit.
+    :param slack: largest allowed depth of the place in a zone, or outside the fence [m].
     """
     field = path[-1]
     place = getattr(uav, field)

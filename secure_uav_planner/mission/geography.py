@@ -72,7 +72,7 @@ class Origin(Checked):
         return east, north
 
     def _convert(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
-        """Convert places to the local frame, unchecked; longitudes may exceed 180 degrees."""
+        """Return (east, north) [m] of places [degrees], unchecked; longitudes may exceed 180."""
         centre, target = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':

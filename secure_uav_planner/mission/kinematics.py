@@ -120,7 +120,7 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
 
 def _round_duration(utilisation: Callable[[float], float], duration: float, longest: float
                     ) -> float | None:
-    """Return a duration rounded up to six digits until its utilisation is at most 1, or None."""
+    """Return a duration [s] rounded up to six digits with a utilisation of at most 1, or None."""
     rounded = round_up(duration)
     for power in range(_MOST_ROUNDINGS):
         if rounded > longest:

@@ -42,7 +42,7 @@ class Receiver(Checked):
 
     @classmethod
     def _check_together(cls, checks: FieldChecks) -> None:
-        """Check that the receiver has either a position or a track that sets it."""
+        """Set what a track decides, such as the position; without a track require a position."""
         item = checks.item
         if item.track is not None and checks.are_right('track'):
             for name in cls.DECIDED:
@@ -277,7 +277,7 @@ class Uav(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check power, end velocities and energy against the limits that they depend on."""
+        """Check power, end velocities and energy; with max_energy, propulsion gets a default."""
         item = checks.item
         if (checks.are_right('average_power', 'peak_power')
                 and item.peak_power < item.average_power):

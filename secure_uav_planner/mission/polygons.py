@@ -160,7 +160,7 @@ def _area_tolerance(corners: Array) -> float:
 
 
 def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
-    """Triangulate by cutting off ears; return triangles and diagonals as indices of corners."""
+    """Return triangles of corners (K, 2), found by cutting off ears, and diagonals, as indices."""
     indices, tolerance = list(range(len(corners))), _area_tolerance(corners)
     triangles, diagonals = [], []
     while len(indices) > 3:
@@ -179,7 +179,7 @@ def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
 
 
 def _contains_any(triangle: Array, points: Array, tolerance: float) -> bool:
-    """Return True if a triangle contains any of the points, its own corners excepted."""
+    """Return True if a counter-clockwise triangle contains a point that is none of its corners."""
     edges = np.roll(triangle, -1, axis=0) - triangle
     offsets = points[:, None] - triangle
     inside = (edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]

@@ -47,7 +47,7 @@ def _checked_head_starts(values: Any) -> tuple[float, ...]:
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
-    """Return a property of Scenario: one field of all members, such as UAVs; None is infinite."""
+    """Return a property of Scenario: an array of one field of all `members`; None is infinity."""
     def values(scenario: Any) -> Array:
         fields = [getattr(member, field) for member in getattr(scenario, members)]
         return read_only([math.inf if value is None else value for value in fields])

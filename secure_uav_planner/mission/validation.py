@@ -81,7 +81,7 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     """
     Return an argument as an array of floats, or raise OptionError naming it.
 
-    :param shapes: allowed shapes, with None for any length; without `shapes`, any shape is.
+    :param shapes: allowed shapes, with None for any length; by default any shape is allowed.
     """
     try:
         array = np.asarray(values, float)

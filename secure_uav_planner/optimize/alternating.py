@@ -72,7 +72,7 @@ def alternate(incumbent: Incumbent) -> Status:
 
 
 def _improve(incumbent: Incumbent, step: str) -> bool:
-    """Take a step, 'power' or 'trajectory'; return True if the solver succeeded."""
+    """Solve the restriction of a step, 'power' or 'trajectory'; return True on success."""
     positions, powers = incumbent.positions, incumbent.powers
     restrict = restrict_powers if step == 'power' else restrict_trajectories
     restriction = restrict(incumbent.scenario, positions, powers)
@@ -81,7 +81,7 @@ def _improve(incumbent: Incumbent, step: str) -> bool:
     if solved:
         name, local = ('powers', powers) if step == 'power' else ('positions', positions)
         move = restriction.get_answer() - local
-        # A restriction is a lower bound, so the true rate may still rise beyond its optimum.
+        # The restriction bounds the rate from below. Beyond its optimum the rate may still rise.
         length = 1.0
         while incumbent.try_improve(**{name: local + length * move}):
             length *= STRETCH
@@ -160,7 +160,9 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
 def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
                     y: Any, paths: list[Any]) -> _Bound:
     """
-    Return convex upper bounds of the leakage to each eavesdropper.
+    Return convex upper bounds of the rate of each eavesdropper.
+
+    The rate is log(1 + all received power) - log(1 + received jamming), each logarithm bounded.
 
     :param unit: unit of lengths in the restriction [m].
     :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
@@ -185,7 +187,7 @@ def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: A
         positions[:, 1:-1] - centres[:, None], away)
     # The y_k of _log_of_sum_bound is the logarithm of xi of (17b) for the transmitter, and the
     # logarithm of tau of (17c) for jammers.
-    repeat = np.tile(np.eye(len(positions)), (count, 1))
+    repeat = np.tile(np.eye(len(positions)), (count, 1))  # (U, N) to (E U, N).
     bounds, constraints = _log_of_sum_bound(
         np.concatenate(received), np.concatenate(slopes), repeat @ x, repeat @ y, count)
     jamming = 1 + received[:, 1:].sum(axis=1)
@@ -240,10 +242,10 @@ def _log_of_sum(gains: Array, local: Array, powers: Any) -> Any:
 
 def _leakage_bound(gains: Array, local: Array, powers: Any) -> Any:
     """
-    Return a convex upper bound of r-tilde_e in nats, exact at the local point, (N,).
+    Return a convex upper bound of an eavesdropper's rate in nats, exact at the local point, (N,).
 
-    r-tilde_e is log(received + 1) - log(jamming + 1). The first logarithm is replaced by its
-    tangent at the local point; minus the second one is convex.
+    The rate is log(1 + sum_i g_i p_i) - log(1 + sum_{i > 0} g_i p_i), where UAV 0 transmits. The
+    tangent at the local point replaces the first logarithm. Minus the second one is convex.
     """
     total, jamming = _total(gains, local), _drop_transmitter(gains)
     constant = np.log(total / _total(jamming, local)) - (total - 1) / total
@@ -300,11 +302,11 @@ def _log_of_sum_bound(received: Array, slopes: Array, x: Any, y: Any,
 def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centres: Array,
                    radii: Array) -> _Bound:
     """
-    Return upper bounds of -log(1 + sum of jamming) minus their values at the local point.
+    Return upper bounds of -log(1 + received jamming) minus their values at the local point.
 
-    They are sums of (d + eps)^2 over the jammers with weights, the paper's c.
+    A bound is sum_i c_i ((d_i + eps)^2 - its local value) over the jammers i, with the paper's c.
 
-    :param weights: (E, U - 1, N) in 1/unit^2.
+    :param weights: c_i, (E, U - 1, N) in 1/unit^2.
     :param distances: d + eps at the local point, (E, U - 1, N) in units.
     :param positions: positions of each jammer, (N, 2) in units.
     :param centres: centres of the eavesdroppers' discs, (E, N, 2) in units.

@@ -56,23 +56,23 @@ class Incumbent:
         self._longest = 0.0  # Longest duration of try_improve [s].
         self.try_improve()
         if not problem.keeps_energy(positions):
-            self._keeps_energy, self.rate = False, -math.inf
+            self._keeps_energy, self.rate = False, -math.inf  # Below any flights that keep it.
         if parent is None:
             self.report('start')
 
     def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
         """
-        Retract an iterate to the limits, and keep it if its rate is higher.
+        Retract an iterate to the limits, and keep it if it is feasible and its rate is higher.
 
         :param positions: (U, N+2, 2) in m, or None for the present positions.
         :param powers: (U, N) in W, or None for the present powers.
-        :return: the gain [bit/s/Hz], or 0 if the iterate is not kept.
+        :return: the gain in the objective [bit/s/Hz], or 0 if the iterate is not kept.
         """
         began = time.monotonic()
         if positions is None:
             if not self._keeps_energy:
-                return 0.0  # Other powers do not make these flights feasible.
-            positions = self.positions  # Not retracted, so that no digit changes.
+                return 0.0  # Flights that take too much energy do so with any powers.
+            positions = self.positions  # Feasible; retracting them might change a digit.
         else:
             positions = self.problem.retract(positions)
             if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
@@ -118,9 +118,9 @@ class Incumbent:
         """
         Try the powers of the nearest useful slots in idle slots, then no power in idle slots.
 
-        Each UAV spends the power that its idle slots save in its other slots, in proportion.
-        Powers have local optima in each single slot: silence between slots that transmit, or so
-        much jamming that nothing arrives.
+        A slot is idle if its rate is at most _IDLE_SHARE of the mean rate, otherwise useful. In
+        idle slots powers are in a local optimum: silence, or too much jamming. Without power in
+        idle slots, useful slots are scaled up to the mean power that each UAV had before.
         """
         most = _IDLE_SHARE * self.rate  # Largest rate of an idle slot.
         idle, useful = np.flatnonzero(self._rates <= most), np.flatnonzero(self._rates > most)
@@ -128,7 +128,7 @@ class Incumbent:
             return
         positions = self.positions[:, [0, *(idle + 1), -1]]
         times = np.asarray((idle + 1) * self.scenario.slot_duration, float)
-        after = np.searchsorted(useful, idle)
+        after = np.searchsorted(useful, idle)  # Index in `useful` of the next useful slot.
         powers, best = self.powers.copy(), np.full(len(idle), most)
         for neighbour in (after - 1, after):
             tried = self.powers[:, useful[neighbour.clip(0, len(useful) - 1)]]

@@ -11,9 +11,9 @@ from ..plan.plan import Plan
 
 def order_nodes(scenario: Scenario) -> list[int]:
     """
-    Return the numbers of the ground nodes by their angles, which turn with the map.
+    Return the indices of the ground nodes by bearing, which a rotated map leaves as they are.
 
-    Angles are counted around the middle of the nodes from the first UAV's start, at half time.
+    A bearing is the angle at the mean of the nodes from UAV 0's start to the node, at half time.
     """
     grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
     # The exact sum does not depend on the order.

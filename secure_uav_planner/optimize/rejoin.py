@@ -69,9 +69,9 @@ class Rejoin:
 
 def find_first_point(scenario: Scenario, time: float) -> int:
     """
-    Return the last point that must be kept so that the curve before a time [s] stays as it is.
+    Return the index of the last point that must be kept so that the curve before `time` stays.
 
-    All later points may change.
+    All later points may change. The time is from point 0 [s].
     """
     return max(0, math.ceil(time / scenario.slot_duration + _find_support_offset(scenario)))
 
@@ -140,7 +140,7 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
                                      f'{scenario.duration:g} s that are left')
     powers = plan.powers[:, :point].copy()
     if point > first:
-        # On the new paths, slots with a rate that is not positive are silent.
+        # On the new paths, slots whose rates are all negative are silent.
         times: Array = np.arange(first + 1.0, point + 1) * step
         powers[:, first:], rates = mute_nonpositive_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
@@ -167,6 +167,7 @@ def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
         return
     uavs = tuple(replace(uav, goal=_to_point(path[-1]), goal_velocity=None)
                  for uav, path in zip(tail.uavs, positions, strict=True))
+    # A Plan checks its limits when it is made.
     Plan(replace(tail, uavs=uavs, slots=slots, duration=slots * tail.slot_duration), positions,
          np.zeros((len(uavs), slots)))
 
@@ -175,8 +176,8 @@ class _RecoveryPath:
     """
     Paths of a UAV from the last kept point of its plan to its predicted states.
 
-    :param first: the last kept point.
-    :param begin: the UAV with the state that the plan has at that point as its start.
+    :param first: index of the last kept point.
+    :param begin: the UAV with the plan's state at the last kept point as its start.
     :param state: the measured state of the UAV.
     :param tolerance: largest distance [m] from the plan of a UAV that is back on its plan.
     """
@@ -188,6 +189,7 @@ class _RecoveryPath:
         self._tolerance = tolerance
         self._points = _list_candidates(first, playback.plan.scenario.slots)
         self._smooth = begin.max_acceleration is not None
+        # Times of the candidate points; a given state lies on a smooth curve half a slot earlier.
         times = (np.array(self._points) - (0.5 if self._smooth else 0.0)) * self._step
         self._states = (predict_stop(state, times, begin.max_acceleration) if state.is_held
                         else predict_return(playback, uav, state, times))
@@ -200,10 +202,10 @@ class _RecoveryPath:
 
     def find_path(self, point: int) -> Array | None:
         """
-        Return the path up to a candidate point, (point + 1, 2) in m, or None without one.
+        Return the path up to a candidate point, (point + 1, 2) in m; None if limits allow none.
 
-        It is the plan's path if the UAV is back on its plan there. Otherwise it leads from the
-        last kept point to the predicted state, with the least utilisation.
+        The path is the plan's if the UAV is back on its plan there. Otherwise the path from the
+        last kept point to the state predicted for the candidate has the least utilisation.
         """
         index = self._points.index(point)
         if self.is_on_plan(index):
@@ -211,7 +213,7 @@ class _RecoveryPath:
         position, velocity = (state[index] for state in self._states)
         begin, vehicle, end = self._path[self._first], self._begin.vehicle, position[None]
         if self._smooth:
-            # The curve has a given state between the control points half a slot before and after.
+            # The curve has the predicted state halfway between the last two points.
             move = np.array(clip_norm(*_to_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])

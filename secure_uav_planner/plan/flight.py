@@ -49,8 +49,8 @@ class Flight(NamedTuple):
         """
         Return the delay of the flight behind the schedule of its promise [s].
 
-        The schedule is the plan's start, promise_delay and promise_speed, for which the receivers
-        are predicted. The delay is negative for a flight that is early, but at least 0 before the
+        Receivers are predicted for the schedule time = (now - start - promise_delay) *
+        promise_speed. The delay is negative for a flight that is early, and at least 0 before the
         flight begins. It is infinite for a plan without a start.
 
         :param now: time of the clock [s].
@@ -109,7 +109,7 @@ class TimeScaleLimit:
 
         if is_allowed(target):
             return target
-        # An unchanged playback speed keeps the limits, since the plan keeps them.
+        # Bisection. An unchanged playback speed keeps the limits, since the plan keeps them.
         allowed, rejected = scale, target
         for _ in range(20):
             middle = (allowed + rejected) / 2
@@ -142,6 +142,7 @@ class TimeScaleLimit:
             return np.empty(0), np.empty(0)
         step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
                    float((speeds / limits).max()) / _MOST_BRAKING_STEPS)
+        # The square s^2 of the playback speed s falls at the rate d(s^2)/dt = -2 slowing.
         times, squares, slowing = [playback.duration], [0.0], 1.0
         while squares[-1] < fastest**2 and slowing > 0 and times[-1] > playback.begin:
             moment, square = playback.at(times[-1]), squares[-1]

@@ -81,7 +81,7 @@ class Playback:
         """
         Return the fraction of the slot for each ground node at times (K,) in s, (G, K).
 
-        Before slot 1 and after the last slot, the fractions of the nearest slot are returned.
+        Slot n lasts from the time of point n to point n + 1. Other times take the nearest slot.
         """
         times = checked_array('times', times, (None,))
         slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9).astype(int)

@@ -160,12 +160,13 @@ class Player:
         """
         Supersede the plan by the pending one if its time has come; return True if that is done.
 
-        A pending plan whose setpoints would jump is refused.
+        A pending plan whose setpoints would jump is refused. `elapsed` is the time since the last
+        setpoints [s], and `lateness` the first words of a refusal.
         """
         if self._pending is None or self.flight is None:
             return False
         (new, splice_time), scale = self._pending, self.flight.time_scale
-        since = self.flight.time + scale * elapsed - splice_time
+        since = self.flight.time + scale * elapsed - splice_time  # Time after the splice [s].
         if since < 0.0 and not self.ended:
             return False
         self._pending = None
@@ -182,7 +183,7 @@ class Player:
         return not jump
 
     def _explain_jump(self, new: Flight, elapsed: float) -> str:
-        """Describe the jump of the setpoints to a flight; empty if there is none."""
+        """Describe the jump from the last setpoints, `elapsed` s ago, to a flight; '' if none."""
         last, current = self._last, self.flight
         if last is None or current is None:
             return ''
@@ -258,7 +259,7 @@ class Player:
     def unmet_conditions(self, positions: Sequence[Point3 | None], tolerance: float, speed: float
                          ) -> list[str]:
         """
-        Describe the UAVs that are not at the start of the plan, with distance or time left.
+        Describe each UAV that is not at its start, with the distance [m] or time left [s].
 
         :param positions: measured position of each UAV, or None for an unknown one. An unknown
             UAV is given the time to fly from its last setpoint to the start.
@@ -304,14 +305,14 @@ class Player:
             self._flown_ns = -1  # After a jump back, new plans have older stamps.
         elapsed, self._last_tick_ns = min(max(0.0, elapsed), longest), now_ns
         if self._silence is not None:
-            # The first setpoint is the start itself.
+            # The plan does not advance before the first setpoint, which is the start itself.
             self._silence, elapsed = self._silence + elapsed, 0.0
             if self.flight is None or not (self.playing and is_ready):
                 return None
             self._silence = self._last = None
         before, last = self.flight, self._last
         assert before is not None
-        advance = before.time_scale * elapsed
+        advance = before.time_scale * elapsed  # Time of the plan since the last setpoints [s].
         if not self._splice(elapsed):
             self.flight = self._advance(now_ns, elapsed, speed if self.playing else 0.0)
             advance = self.flight.time - before.time
@@ -345,7 +346,7 @@ class Player:
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:
-        """Update what is flown, playing and delivered since an earlier state of the flight."""
+        """Update what is flown and delivered since `before`, and stop playing at the end."""
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:
@@ -377,7 +378,8 @@ def _explain_team(plan: Plan, current: Plan) -> str:
 
 def _integrate_rates(playback: Playback, begin: float, end: float,
                      eavesdropper: ArrayLike | None) -> float:
-    """Return the integral of the secrecy rate between two times, slot by slot, in bit/Hz."""
+    """Return the integral of the secrecy rate from time `begin` to `end` [s] in bit/Hz."""
+    # Gauss-Legendre quadrature in each slot, because powers jump between slots.
     step = playback.plan.scenario.slot_duration
     inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
     edges = np.array([begin, *inside, end])

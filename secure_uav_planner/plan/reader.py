@@ -16,7 +16,7 @@ _SERVE = f'from {__name__} import serve; serve()'
 
 
 def serve() -> None:
-    """Answer each pickled text on the standard input with its plan and frame, or an error."""
+    """Answer each pickled text on standard input with (plan, frame) or an error, until its end."""
     answer: object
     while True:
         try:

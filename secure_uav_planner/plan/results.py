@@ -235,7 +235,8 @@ def _positive_part(rates: Array) -> Array:
     return read_only(np.maximum(rates, 0.0))
 
 
-def _checked_names(values: Any) -> tuple[str, ...]:
+def _checked_limit_names(values: Any) -> tuple[str, ...]:
+    """Return the names of the limits that a bound ignores as a tuple, or refuse them."""
     if not isinstance(values, (list, tuple)):
         raise refuse(values, 'a list of names of limits')
     return check_items(values, checked_text)
@@ -263,7 +264,7 @@ class Bound(Checked):
     scenario: Scenario = field(metadata=checked_by(Instance(Scenario)))
     rate: float = field(metadata=checked_by(_RATE))
     objective: str = field(default='worst_case', metadata=checked_by(Choice(OBJECTIVES)))
-    ignored: tuple[str, ...] = field(default=(), metadata=checked_by(_checked_names))
+    ignored: tuple[str, ...] = field(default=(), metadata=checked_by(_checked_limit_names))
     solve_time: float = field(default=0.0, metadata=checked_by(Number(0.0, TIME.high, 's')))
     status: Status = field(default='converged', metadata=checked_by(Choice(STATUSES)))
 

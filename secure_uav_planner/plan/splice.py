@@ -83,7 +83,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         positions, powers = (
             checked_array('beginning', values, (len(powers), None, *rest))
             for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
-    delay = point * scenario.slot_duration
+    delay = point * scenario.slot_duration  # Time [s] of the tail's point 0 in the plan.
     whole = _join_receivers(scenario, move_receivers(scenario, tail.scenario, -delay), first)
     return replace(
         tail, scenario=whole,
@@ -92,6 +92,7 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
         start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
         gaps=_join_gaps(plan, tail, first, delay),
+        # The inverse of the change in cut_tail.
         promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))
 
 
@@ -111,7 +112,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
 
 
 def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
-    """Return `updated` with the receivers of `scenario` up to a point and its own after it."""
+    """Return `updated`, but with receivers that follow `scenario` up to a point."""
     if point == 0:
         return updated
     step = scenario.slot_duration
@@ -129,7 +130,7 @@ def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track 
     """
     Return a scenario with the receivers of a source on new tracks.
 
-    :param tracks: tracks of the ground nodes, then of the eavesdroppers. None keeps a receiver.
+    :param tracks: tracks of ground nodes, then of eavesdroppers. None keeps the source's receiver.
     """
     nodes = len(source.ground_nodes)
     return replace(
@@ -151,18 +152,20 @@ def _shift(time: float | None, seconds: float) -> float | None:
 def _join_gaps(plan: Plan, tail: Plan, first: int, delay: float
                ) -> tuple[tuple[float, float], ...]:
     """
-    Return the gaps in the promise of a plan whose tail has the promise after the point `first`.
+    Return the gaps (begin, end) [s] in the joint promise of a plan and its tail.
+
+    The plan's promise applies up to point `first`, the tail's from point `first` + 1 on.
 
     :param delay: time [s] of the tail's point 0 in the plan.
     """
     step = plan.scenario.slot_duration
-    last, joint = first * step, (first + 1) * step
-    before = _cut_gaps(plan.gaps, 0.0, 0.0, joint)
+    last, following = first * step, (first + 1) * step  # Times of these two points.
+    before = _cut_gaps(plan.gaps, 0.0, 0.0, following)
     # A promise of the plan that ended earlier leaves a gap up to the tail.
     if plan.promised_until is not None and plan.promised_until < last - _ROUNDING:
-        before += ((plan.promised_until, joint),)
+        before += ((plan.promised_until, following),)
     after = _cut_gaps(tail.gaps, delay, last, math.inf)
-    return _merge_gaps(before + tuple(gap for gap in after if gap[1] > joint))
+    return _merge_gaps(before + tuple(gap for gap in after if gap[1] > following))
 
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
@@ -173,7 +176,7 @@ def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float,
 
 
 def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return increasing gaps that do not overlap: a slot between two that touch is promised."""
+    """Return gaps merged where they overlap; a point at which two gaps only touch is promised."""
     merged: list[tuple[float, float]] = []
     for begin, end in sorted(gaps):
         if merged and begin < merged[-1][1]:

@@ -88,10 +88,10 @@ class FollowerReports:
 
     def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
         """
-        Return the time of this plan in ns at the first of the last reports that have departed.
+        Return the plan's time [ns] from which all reports depart, or in the last report if none.
 
-        :param has_departed: tells for the times of the clock and of the plan in ns whether the
-            flight has departed from its schedule.
+        :param has_departed: tells for the times of the clock and of the plan [ns] whether the
+            flight departs from its schedule.
         """
         departure = self.plan_ns
         for clock_ns, plan_ns in reversed(self._pairs):
@@ -113,10 +113,9 @@ class FollowerReports:
         """
         Return True if the plan is paused, or its playback speed was constant over a second.
 
-        False if the plan was paused within the last second and moves again, because it then
-        still speeds up.
+        After a pause within the last second the answer is False: the plan still speeds up.
         """
-        since, plan = self._since_last() * 1e-9
+        since, plan = self._since_last() * 1e-9  # Clock and plan, 0 at the last report [s].
         scales = np.diff(plan) / np.diff(since)
         if len(scales) == 0 or scales[-1] == 0:
             return True
@@ -139,8 +138,9 @@ class FollowerReports:
         """
         Return the plan's time [s] from its point 0 and the playback speed at a clock's time [ns].
 
-        Before the first report, the plan's time is the first reported one. After SILENCE without
-        a report, it stands still and the playback speed is 0.
+        Between reports the plan's time is interpolated, and before the first report it is the
+        first reported one. After the last report it advances at the last playback speed
+        for SILENCE. Then it stands still and the playback speed is 0.
         """
         (last, plan), scale = self._pairs[-1], self._first_scale
         if self.has_time_scale:
@@ -201,8 +201,9 @@ class Watch:
         """
         Return True if a UAV stands or brakes to rest instead of returning to its plan.
 
-        Two measurements must agree on it: the way since the first state, and the present velocity
-        if it is known. False after less than 0.5 s of motion.
+        Both must be so: its position is at least _DISTINCT_M nearer to the stop than to the return
+        predicted from the first state, and its velocity, if known, is nearer to 0 than to the
+        autopilot's command. Before _LEAST_WATCHED_S of motion the answer is False.
         """
         if not self._states or (
                 self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):
@@ -220,10 +221,13 @@ class Watch:
 def predict_return(playback: Playback, uav: int, state: MeasuredState, times: ArrayLike
                    ) -> tuple[Array, Array]:
     """
-    Predict the flight of a UAV back to its plan, by the law at the top of this module.
+    Predict the flight of a UAV back to its plan, as its autopilot would steer it.
 
-    :param times: (K,) in s from point 0, increasing. Before the measurement, its position and
-        velocity are returned.
+    The commanded velocity is the planned velocity plus GAIN times the offset to the plan, at most
+    max_speed. Velocity changes at max_acceleration, and is low enough to brake at it in time.
+
+    :param times: (K,) in s from point 0, increasing. Before the time of the measured state, its
+        position and velocity are returned.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     times = np.asarray(times, float)
@@ -322,7 +326,7 @@ def _command(playback: Playback, uav: int, state: MeasuredState) -> tuple[float,
 
 def _command_velocity(dx: float, dy: float, velocity: tuple[float, float], max_speed: float,
                       max_acceleration: float | None, step: float) -> tuple[float, float]:
-    """Return the velocity [m/s] that closes an offset (dx, dy) to a moving target."""
+    """Return the velocity [m/s] that closes an offset (dx, dy) [m] to a target with `velocity`."""
     distance = math.hypot(dx, dy)
     closing = min(GAIN, 1 / step) * distance
     if max_acceleration is not None and distance > max_acceleration / GAIN**2:
@@ -373,14 +377,14 @@ class AchievedRates:
         if start_ns != self._start_ns:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
         last, self._last = self._last, time
-        inside = scenario.slot_duration * np.array([1, scenario.slots + 1])
-        self._flown = max(0.0, min(time, inside[1]) - inside[0])
+        slots_begin, slots_end = scenario.slot_duration * np.array([1, scenario.slots + 1])
+        self._flown = max(0.0, min(time, slots_end) - slots_begin)
         if not 0 < time - last <= LONGEST_GAP * max(1.0, time_scale):
             return
-        elapsed = min(time, inside[1]) - max(last, inside[0])
+        elapsed = min(time, slots_end) - max(last, slots_begin)
         if elapsed <= 0:
             return
-        time = min(time, inside[1] - 1e-6 * scenario.slot_duration)
+        time = min(time, slots_end - 1e-6 * scenario.slot_duration)  # Inside the last slot.
         moment = playback.at(time)
         both = np.stack([positions, moment.positions], axis=1)
         rates = channel.guaranteed_node_rates(

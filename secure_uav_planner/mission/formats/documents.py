@@ -179,7 +179,7 @@ class _Reader:
         self._count = 0
 
     def value(self, node: yaml.Node, path: FieldPath) -> Any:
-        """Return the value of a node at a path."""
+        """Return a node as plain values, and note the lines of its fields; `path` leads to it."""
         self._count += 1
         if self._count > MOST_VALUES or len(path) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(
@@ -197,7 +197,7 @@ class _Reader:
                                        problem_mark=node.start_mark) from None
 
     def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
-        """Return a mapping's values, merged ones included, and note lines and problems."""
+        """Return the values of a mapping and of `<<`, which yield; note lines and problems."""
         values: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:

@@ -59,7 +59,7 @@ def list_features(text: str) -> list[tuple[Any, Any]]:
 
 
 def _list_geometries(geometry: Any) -> Iterator[Any]:
-    """Yield the geometries in a GeometryCollection, or any other geometry."""
+    """Yield a geometry itself, or the geometries in a GeometryCollection at any depth."""
     if isinstance(geometry, Mapping) and geometry.get('type') == 'GeometryCollection':
         for part in checked_field(geometry, 'geometries', list, 'a list'):
             yield from _list_geometries(part)
@@ -123,7 +123,7 @@ def _find_map_kind(feature: Any) -> str | None:
 
 
 def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
-    """Yield the areas of a feature; raise ScenarioError where it has none."""
+    """Yield the areas of an item of list_features; raise ScenarioError if there is none."""
     feature, is_ambiguous = item
     properties, is_fence = _properties(feature), _find_map_kind(feature) == 'geofence'
     geometry = checked_field(feature, 'geometry', Mapping, 'a polygon')
@@ -170,7 +170,7 @@ def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
 
 
 def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
-    """Return a floor or ceiling in m above the ground, None if there is none."""
+    """Return the 'floor' or 'ceiling' in m above the ground, also from its _amsl property."""
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)

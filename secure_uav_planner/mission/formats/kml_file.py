@@ -100,7 +100,7 @@ def read_polygons(placemark: ElementTree.Element, origin: Origin) -> Iterator[Ar
 
 
 def _parse_corners(outline: ElementTree.Element) -> list[list[float]]:
-    """Return the numbers of each corner; blanks may stand beside the commas."""
+    """Return [longitude, latitude] or [longitude, latitude, altitude] of each corner of a ring."""
     text = ','.join(part.strip() for part in ''.join(outline.itertext()).split(','))
     for corner in text.split():
         if not _CORNER.fullmatch(corner):

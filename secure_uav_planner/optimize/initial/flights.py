@@ -141,8 +141,8 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     Return the flight of least utilisation of a UAV from start to goal, (N+2, 2) in m.
 
     :param index: index of the UAV.
-    :param route: index of the route around obstacles, 0 for the shortest.
-    :return: None without such a route.
+    :param route: index of the route around obstacles, flown from rest to rest; 0 for the shortest.
+    :return: None without such a route. Without obstacles only route 0 exists.
     """
     scenario = problem.scenario
     uav = scenario.uavs[index]
@@ -162,16 +162,19 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
 
 def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     """
-    Return the flight of a UAV that hovers equally long at stops (H, 2), (N+2, 2) in m.
+    Return the flight of a UAV that hovers equally long at H stops, (N+2, 2) in m.
 
-    A UAV without the time to reach its stops passes all stops at a distance. With a limit of
-    acceleration, velocities are moving averages over as many slots as full speed takes.
+    If there is no time to reach all stops, each moves towards its place on the straight flight by
+    the same share. With a limit of acceleration, points are moving averages over as many slots as
+    the acceleration to full speed takes.
+
+    :param stops: places to hover at in order, (H, 2) in m.
     """
     scenario = problem.scenario
     uav, step = scenario.uavs[index], float(scenario.max_step[index])
     start, goal = np.array(uav.start), np.array(uav.goal)
     width = math.ceil(uav.max_speed / uav.vehicle.max_acceleration / scenario.slot_duration)
-    count = scenario.slots + 1 - width
+    moves = scenario.slots + 1 - width  # Moves of the path before averaging, at full speed or 0.
     between = start + np.linspace(0, 1, len(stops) + 2)[1:-1, None] * (goal - start)
 
     def find_legs(share: float) -> list[Array]:
@@ -180,22 +183,23 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
         return [leg for leg, *_ in routes] if graph is not None and all(routes) else [
             np.stack(pair) for pair in pairwise(places)]
 
-    shares = [0.0, 1.0]
+    # Bisection for the largest share of the offsets to the stops that the time allows.
+    possible, impossible = 0.0, 1.0
     for share in (1.0, *[None] * _HALVINGS):
-        share = sum(shares) / 2 if share is None else share
-        fits = sum(map(_measure_length, find_legs(share))) <= count * step
-        shares[0 if fits else 1] = share
-    legs = find_legs(shares[0])
+        share = (possible + impossible) / 2 if share is None else share
+        fits = sum(map(_measure_length, find_legs(share))) <= moves * step
+        possible, impossible = (share, impossible) if fits else (possible, share)
+    legs = find_legs(possible)
     lengths = np.array([_measure_length(leg) for leg in legs])
-    if lengths.sum() > count * step:
+    if lengths.sum() > moves * step:
         direct = fly_direct(problem, index)
         return np.linspace(start, goal, scenario.slots + 2) if direct is None else direct
-    wait = (count - lengths.sum() / step) / len(stops)
-    # Times (slots) and travelled distances (m) of arrivals and departures.
+    wait = (moves - lengths.sum() / step) / len(stops)
+    # Times [slots] and travelled distances [m] of arrivals at and departures from stops.
     arrivals = np.cumsum(lengths[:-1]) / step + wait * np.arange(len(stops))
-    times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [count]])
+    times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [moves]])
     covered = np.concatenate([[0.0], np.repeat(np.cumsum(lengths)[:-1], 2), [lengths.sum()]])
-    number = np.arange(-float(width), count + width + 1)
+    number = np.arange(-float(width), moves + width + 1)
     points = _locate(np.concatenate(legs), np.interp(number, times, covered))
     sums = np.cumsum(np.pad(points, ((1, 0), (0, 0))), axis=0)
     points = (sums[width + 1:] - sums[:-width - 1]) / (width + 1)
@@ -275,10 +279,10 @@ def _fly_straight(start: Array, goal: Array, place: Array, step: float, slots: i
 
 def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
     """
-    Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2).
+    Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2) in m.
 
-    With a limit of acceleration, velocities are moving averages over as many slots as full speed
-    takes. Where the UAV turns without hovering this is not enough, which is left to retract.
+    With a limit of acceleration, moves are moving averages over as many slots as the acceleration
+    to full speed takes. Where a UAV turns without hovering, Problem.retract must correct them.
     """
     slots, duration = problem.scenario.slots, problem.scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)
@@ -286,6 +290,7 @@ def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
     if uav.max_acceleration is None:
         return _fly_straight(start, goal, place, step, slots)
     width = math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * duration))
+    # Moves [m] at the end velocities, with which the flight in between is averaged.
     first, last = (np.array(velocity or (0.0, 0.0)) * duration
                    for velocity in (uav.start_velocity, uav.goal_velocity))
     begin, end = start + first * (width - 1) / 2, goal - last * (width - 1) / 2
@@ -306,7 +311,7 @@ def _find_turning_place(start: Array, goal: Array, place: Array, reach: float) -
     outward = math.dist(start, place)
     if outward + math.dist(place, goal) <= reach:
         return place
-    # |start + s u - goal| = reach - s, solved for the s at which to turn.
+    # |start + s u - goal| = reach - s with u = direction, solved for the s at which to turn.
     direction = (place - start) / outward if outward > 0 else np.zeros(2)
     back = start - goal
     denominator = 2 * (reach + float(back @ direction))

@@ -55,7 +55,8 @@ def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineC
     Return flights (U, N+2, 2) in m strictly inside all limits, near given ones, or None.
 
     :param positions: given flights, (U, M+2, 2) in m, for any number M of slots.
-    :param share: largest share of the slack of the flight of least utilisation that is kept free.
+    :param share: utilisations stay below 1 - share * (1 - u), where u is the least utilisation of
+        a flight of the UAV from start to goal.
     :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
@@ -112,6 +113,7 @@ class _Projection:
         limits = build_limits(grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
+        # Largest utilisation of speed and acceleration for each UAV, (U,).
         self._utilisations = 1 - share * np.maximum(
             1 - grid.least_flights.find_utilisations(grid.scenario, raise_if_over), 0.0)
         self._step = float(np.median(grid.step_lengths)) / grid.length
@@ -121,9 +123,12 @@ class _Projection:
         """
         Return flights (U, N+2, 2) in m inside the limits, near given ones, or None.
 
-        :param opposite: whether UAVs that meet pass each other on the side that is not nearest.
-        :param inside: UAVs that are not moved in the first round, (U,). With None, all UAVs are
-            moved, and lines between two UAVs turn evenly, so that the UAVs pass on one side.
+        A round moves every UAV that is not inside to its side of the lines, which are then chosen
+        anew for the moved path. After _ROUNDS rounds the answer is None.
+
+        :param opposite: whether UAVs that meet pass on the side opposite to the nearest.
+        :param inside: True for UAVs that are not moved in the first round, (U,). None moves all
+            UAVs, and first turns the lines so that a flight passes an obstacle on one side.
         """
         base = target = self._to_path(positions)
         lines = self._choose_lines(base)
@@ -146,7 +151,7 @@ class _Projection:
         return None
 
     def _choose_lines(self, base: Array) -> list[Lines]:
-        """Return the lines of every limit for a path."""
+        """Return the separating lines of every limit for a path (N+2, U, 2) in units."""
         chosen = []
         for limit in self._lines:
             self._raise_if_over()
@@ -161,7 +166,7 @@ class _Projection:
             yield uavs[first:first + most]
 
     def test_inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
-        """Return True for UAVs inside all limits, by a clearance in steps to lines, (U,)."""
+        """Return True for UAVs inside all limits, (U,), by a clearance [steps] from lines."""
         inside = np.full(len(positions), True)
         for norm in self._norms:
             inside &= self._grid.fixed | (norm.utilisations(positions) < 1)
@@ -178,7 +183,7 @@ class _Projection:
         return inside
 
     def _to_path(self, positions: Array) -> Array:
-        """Return the path of positions, with the ends and the fixed UAVs of the grid."""
+        """Return positions (U, N+2, 2) in m as a path (N+2, U, 2) in units, with exact ends."""
         grid = self._grid
         path = grid.to_path(positions)
         path[[0, -1]] = grid.starts, grid.goals
@@ -189,17 +194,18 @@ class _Projection:
     def _move_group(self, group: NDArray[np.intp], base: Array, target: Array,
                     lines: list[Lines]) -> Array | None:
         """
-        Return the path nearest to a target in which a group has moved to its side of lines.
+        Return the path near a target in which a group is on its side of lines, or None.
 
-        Variables are displacements from the base in steps, the excess of speed and acceleration,
-        and the shortfall to lines.
+        The displacements d [steps] of the group minimise mean(((base - target) / step + d)^2) / 2
+        + _PENALTY * excess + _LINE_PENALTY * shortfall. Speeds and accelerations may exceed their
+        limits by the relative excess >= 0, and lines by the shortfall >= 0 [steps].
 
         :param group: indices of the UAVs that are moved together.
-        :param base: path at which the limits are linearised.
-        :param target: path that the answer stays near.
+        :param base: path at which the limits are linearised, (N+2, U, 2) in units.
+        :param target: path that the answer stays near, (N+2, U, 2) in units.
         """
         step, size = self._step, 2 * self._grid.slots * len(group)
-        # The column of x of each point; -1 for points that do not vary.
+        # The column of d_x of each point, (N+2, U), before d_y; -1 for points that do not vary.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
         excess, shortfall = size, size + 1
@@ -224,9 +230,12 @@ class _Projection:
     def _line_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    chosen: list[Lines], shortfall: int) -> Iterator[_Rows]:
         """
-        Yield for each limit a row for every control point of the group near a line.
+        Yield each limit's rows, slack + normal . (change of p) + shortfall >= _CLEARANCE [steps].
+
+        A row is for a control point p that the group moves and whose slack is below _NEAR.
 
         :param columns: column of the x coordinate of each point, -1 for a point that is not moved.
+        :param chosen: the lines of each limit.
         :param shortfall: column of the shortfall to lines.
         """
         step = self._step
@@ -241,7 +250,7 @@ class _Projection:
                 weights[:, end[pairs]].any(axis=-1)
                 & np.isin(end[pairs], group)[:, None] for end in ends], axis=0)
             near = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
-            point, pair, corner = near
+            point, pair, corner = near  # Indices (n, g, k) of each row's control point.
             normal = normals[near[:2]]
             number = np.arange(len(point))
             entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
@@ -259,7 +268,10 @@ class _Projection:
     def _cone_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    excess: int) -> Iterator[_Rows]:
         """
-        Yield for each limit three rows, a cone, for every difference of the group's points.
+        Yield each limit's cones |difference + change| <= longest * (utilisation + excess).
+
+        A cone has three rows, the right-hand side and both coordinates of a difference of the
+        group's points, all in steps.
 
         :param columns: column of the x coordinate of each point, -1 for a point that is not moved.
         :param excess: column of the excess of speed and acceleration.
@@ -268,12 +280,13 @@ class _Projection:
         positions = self._grid.to_positions(base)
         for limit in self._norms:
             differences, longest = limit.differences(positions) / unit, limit.longest / unit
-            chosen, place = np.nonzero(~limit.absent.T[group])
-            uav = group[chosen]
+            # The UAV and the index of the difference of each cone, and the cone's first row.
+            member, difference = np.nonzero(~limit.absent.T[group])
+            uav = group[member]
             number = 3 * np.arange(len(uav))
             entries = [(number, np.full(len(uav), excess), longest[uav])]
             for index, weight in enumerate(limit.stencil):
-                point = place + 1 - limit.order + index
+                point = difference + 1 - limit.order + index
                 inside = np.flatnonzero((point > 0) & (point < len(base) - 1))
                 column = columns[point[inside], uav[inside]]
                 for axis in (0, 1):
@@ -281,12 +294,12 @@ class _Projection:
                                     np.full(len(inside), weight)))
             constants = np.zeros((len(uav), 3))
             constants[:, 0] = longest[uav] * self._utilisations[uav]
-            constants[:, 1:] = differences[uav, place]
+            constants[:, 1:] = differences[uav, difference]
             yield entries, constants.ravel()
 
 
 def _assemble(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
-    """Return -A, sparse, and b of all rows of a map A x + b below each other, for Clarabel."""
+    """Stack rows of maps A x + b; return -A, sparse, and b, as Clarabel's s = b - (-A) x needs."""
     parts, count = [], 0
     for entries, constants in rows:
         parts += [(row + count, column, value) for row, column, value in entries]

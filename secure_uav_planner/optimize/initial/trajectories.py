@@ -66,7 +66,7 @@ def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
 
 
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights near fly-hover-fly; failing that, near direct flights; failing both, None."""
+    """Return flights (U, N+2, 2) in m near fly-hover-fly or, failing this, near direct flights."""
     places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
@@ -76,7 +76,7 @@ def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | N
 
 def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: DeadlineCheck
                           ) -> float | None:
-    """Return a duration of at least the given one in which flights are found, or None."""
+    """Return the shortest duration found [s] from `duration` on that has flights, or None."""
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
@@ -85,7 +85,7 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
         utilisations = longer.grid.least_flights.find_utilisations(longer.scenario, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
         is_flyable = has_time and _search_flights(longer, raise_if_over) is not None
-        return 0.5 if is_flyable else 2.0
+        return 0.5 if is_flyable else 2.0  # Only the side of 1 is known.
 
     # Longer is always easier for a flight from rest to rest.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
@@ -116,7 +116,12 @@ class _Obstruction(NamedTuple):
 
 
 def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoReturn:
-    """Raise the InfeasibleMissionError that says why no flights were found."""
+    """
+    Raise the InfeasibleMissionError that says why no flights were found.
+
+    Each UAV without a flight even if it is alone has an error. An error of all UAVs together comes
+    first if there is no such UAV, or if all need longer together than each alone.
+    """
     scenario, obstructions = problem.scenario, list[_Obstruction]()
     try:
         for number in range(len(scenario.uavs)):
@@ -125,18 +130,17 @@ def _raise_infeasibility(problem: Problem, raise_if_over: DeadlineCheck) -> NoRe
         if not obstructions:
             raise
     obstructions.sort(key=lambda obstruction: -obstruction.shortest)
-    least = obstructions[0].shortest if obstructions else scenario.duration
+    each = obstructions[0].shortest if obstructions else scenario.duration
     errors = []
-    if math.isfinite(least):
-        # What each UAV needs alone may not be enough for all.
+    if math.isfinite(each):  # Some duration [s] suffices for each UAV alone.
         try:
-            enough = _find_duration_around(scenario, least, raise_if_over)
+            together = _find_duration_around(scenario, each, raise_if_over)
         except TimeLimitError:
-            enough = None
+            together = None
             obstructions = [obstruction._replace(shortest=math.nan)
                             for obstruction in obstructions]
-        if not obstructions or enough != least and not math.isnan(obstructions[0].shortest):
-            errors.append(_refuse_all(problem, enough, raise_if_over))
+        if not obstructions or together != each and not math.isnan(obstructions[0].shortest):
+            errors.append(_refuse_all(problem, together, raise_if_over))
     raise_all([*errors, *(obstruction.describe(scenario.duration)
                           for obstruction in obstructions)])
     raise AssertionError('there is at least one error')
@@ -165,7 +169,7 @@ def _refuse_all(problem: Problem, enough: float | None, raise_if_over: DeadlineC
 
 def _find_obstructions(scenario: Scenario, number: int,
                        raise_if_over: DeadlineCheck) -> Iterator[_Obstruction]:
-    """Yield the reason why a UAV has no flight even if it is alone, if so."""
+    """Yield the reason why a UAV has no flight even if it is alone; yield nothing if it has."""
     uav = scenario.uavs[number]
     alone = Problem(replace(scenario, uavs=(uav,), separation=0.0))
     names = _name_obstacles(alone)
@@ -210,7 +214,7 @@ def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
 
 
 def _name_obstacles(problem: Problem) -> str:
-    """Return the names of the obstacles that the straight line crosses, or of all if none."""
+    """Return names of the obstacles on the line from UAV 0's start to its goal; if none, all."""
     uav, obstacles = problem.scenario.uavs[0], problem.airspace.obstacles[0]
     line = shapely.LineString([uav.start, uav.goal])
     crossed = [obstacle for obstacle in obstacles
@@ -272,10 +276,10 @@ def _list_landmarks(scenario: Scenario) -> Array:
 def adapt_plan(problem: Problem, plan: Plan,
                raise_if_over: DeadlineCheck = lambda: None) -> tuple[Array | None, Array]:
     """
-    Return the positions and powers of a plan made feasible for another problem.
+    Return positions (U, N+2, 2) in m and powers (U, N) in W of a plan adapted to another problem.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    Flights that break limits are replaced by the nearest flights that keep them; if there are
+    Flights that break limits are replaced by the nearest flights that keep them. If there are
     none, the positions are None.
 
     :raises OptionError: when the number of UAVs differs.

@@ -43,20 +43,24 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
     """
     Improve the incumbent of a SolverDriver from starts for its limits of energy.
 
-    :param unlimited: the best incumbents without these limits, for (P2) first.
-    :param optima: further optima of (P2) without these limits.
-    :raises InfeasibleMissionError: when no flights are found that keep them.
+    A plan of (P2) is sought first. For (P1) the best flights of this search are then improved.
+
+    :param unlimited: the best incumbents without limits of energy, for (P2) first.
+    :param optima: further optima of (P2) without limits of energy.
+    :raises InfeasibleMissionError: when no flights are found that keep the limits of energy.
     """
     incumbent = driver.incumbent
     search = _drive_guaranteed(driver)
     plan = search.incumbent
     try:
-        for solver in _rank(search, list(_generate_starts(driver, unlimited, optima))):
+        for solver in _advance_in_turn(
+                search, list(_generate_starts(driver, unlimited, optima))):
             finished = list(_finish(search, solver))
             if math.isfinite(plan.rate):
                 break
         else:
-            raise_all(_refuse_budgets(incumbent.scenario, _measure(solver)[1].min(axis=0)))
+            _, energies = _measure_energies(solver)
+            raise_all(_refuse_budgets(incumbent.scenario, energies.min(axis=0)))
     finally:
         if math.isfinite(plan.rate):
             incumbent.try_improve(plan.positions, plan.useful_powers)
@@ -69,7 +73,7 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def improve_warm(driver: SolverDriver) -> Status:
-    """Improve the incumbent of a SolverDriver, which keeps its limits of energy, as it is."""
+    """Improve an incumbent within its limits of energy, from its own flights and powers only."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
@@ -82,7 +86,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Find a first plan within limits of energy: direct flights with circles."""
+    """Find a first plan of (P2) within limits of energy: straight flights with loiter circles."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
     _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
@@ -97,12 +101,13 @@ def _drive_guaranteed(driver: SolverDriver) -> SolverDriver:
         incumbent.with_objective('guaranteed'))
 
 
-def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPointSolver]:
+def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
+                     ) -> Iterator[InteriorPointSolver]:
     """
-    Yield solvers of starts after some Newton steps, until a solver leads to a plan.
+    Yield up to three solvers after ENERGY.steps Newton steps; a later one is for no plan so far.
 
-    On a coarse grid flights take more energy. So the full grid is tried next, and then starts in
-    which each UAV has its flight of least energy.
+    The first has the starts on a coarse grid, on which flights take more energy. The second has
+    them on the full grid, and the last one the starts of _mix_least_energies.
     """
     full = driver.grid
     slots = max(ENERGY.coarse_slots, math.ceil(full.scenario.duration / ENERGY.slot_duration))
@@ -112,25 +117,29 @@ def _rank(driver: SolverDriver, starts: Sequence[_Start]) -> Iterator[InteriorPo
     if grid.slots < full.slots:
         solver = _advance(driver, full, starts)
         yield solver
-    yield _advance(driver, full, _find_least(solver))
+    yield _advance(driver, full, _mix_least_energies(solver))
 
 
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
-    """Yield variables and prices of a solver's best starts, finished on the full grid."""
+    """Yield (N, U, 3) variables and (U,) energy prices of a solver's best starts, finished."""
     rates = solver.rates()
     for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):
             fine = driver.refine_to_full_grid(
                 solver.grid, solver.x[[start]], solver.mu[[start]], solver.prices[[start]])
             driver.finish(fine)
-            # Simpson's rule for energies is made exact for the flights that were found.
+            # Simpson's rule for energies is exact at the flights from which a solver is built.
             fine = driver.build_solver(fine.grid, fine.x, DESCENT.warm_mu, fine.prices)
             driver.finish(fine)
             yield fine.x[0], fine.prices[0]
 
 
 def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> InteriorPointSolver:
-    """Return a solver of the starts with flights strictly inside the limits, after some steps."""
+    """
+    Return a solver on a grid after ENERGY.steps Newton steps, and propose its best iterate.
+
+    Starts without flights strictly inside the limits are left out.
+    """
     x, beginnings = [], []
     for positions, powers, beginning in starts:
         with suppress(NumericalError):
@@ -139,23 +148,23 @@ def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> Inte
             beginnings.append(beginning)
     if not x:
         raise NumericalError('no flight strictly inside the limits was found')
-    mu, prices = np.array(beginnings).T
+    mu, prices = np.array(beginnings).T  # First barrier parameter and price of each start.
     solver = driver.build_solver(grid, np.array(x), mu, prices[:, None])
     driver.advance(solver, ENERGY.steps, DESCENT.coarse_mu)
     driver.try_best(solver)
     return solver
 
 
-def _measure(solver: InteriorPointSolver) -> tuple[Array, Array]:
+def _measure_energies(solver: InteriorPointSolver) -> tuple[Array, Array]:
     """Return the flights of a solver, (S, U, N+2, 2) in m, and their energies, (S, U) in J."""
     flights = np.array([solver.grid.positions(x) for x in solver.x])
     return flights, np.array([
         measure_energies(solver.grid.scenario, flight) for flight in flights])
 
 
-def _find_least(solver: InteriorPointSolver) -> Iterator[_Start]:
-    """Yield starts in which each UAV has its flight of least energy of all of a solver's."""
-    flights, energies = _measure(solver)
+def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
+    """Yield starts in which each UAV has its flight of least energy among a solver's starts."""
+    flights, energies = _measure_energies(solver)
     least = energies.argmin(axis=0)
     powers = solver.grid.powers(solver.x[least[0]])
     for beginning in ENERGY.least:
@@ -165,7 +174,7 @@ def _find_least(solver: InteriorPointSolver) -> Iterator[_Start]:
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
     """Yield starts from the plans without limits of energy: as they are, and with circles."""
-    flights = [(best.positions, best.powers, 3) for best in unlimited]
+    flights = [(best.positions, best.powers, 3) for best in unlimited]  # 3 beginnings each.
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
         for x in optima.x[1:1 + ENERGY.optima]:
@@ -190,7 +199,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return the errors of UAVs whose least energies (U,) in J are above their budgets."""
+    """Return the errors of UAVs with least energies (U,) in J over max_energy; if none, of all."""
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
@@ -204,14 +213,14 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
     """
     Return flights with circles where UAVs hover, (U, N+2, 2) in m.
 
-    A UAV flies whole circles through its place, and begins and ends them at rest relative to the
-    flight. In a short time it circles more slowly. UAVs without max_energy stay as they are.
+    While a UAV is slower than slow * max_speed, whole circles through its place are added to its
+    flight. Speed on the circles rises from 0 to a largest speed and falls to 0 again; the largest
+    speed is lower in a short time. UAVs without max_energy or max_acceleration stay as they are.
 
     :param positions: flights, (U, N+2, 2) in m.
     :param direction: bearing of the circles' centres from the places, relative to the bearing of
         the goal from the start [rad].
     :param sense: 1 for counterclockwise, -1 for clockwise.
-    :param slow: share of max_speed below which a UAV hovers.
     """
     step, flights = scenario.slot_duration, positions.copy()
     for uav, flight in zip(scenario.uavs, flights, strict=True):

@@ -47,7 +47,7 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
 
 def improve_from_start(driver: SolverDriver, x: Array, mu: float,
                        prices: float | Array = DESCENT.first_price) -> Status:
-    """Improve the incumbent from a start on the full grid, (N, U, 3), and prices of energies."""
+    """Improve the incumbent for (P1) from x (N, U, 3) on the full grid, in at most two rounds."""
     incumbent = driver.incumbent
     before = incumbent.rate
     status, at_rest = _improve_once(driver, x, mu, DESCENT.most_steps, prices)
@@ -67,7 +67,7 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
-    """Return the iterate with the best rate in (P1) after a few steps from optima, (N, U, 3)."""
+    """Return the iterate (N, U, 3) of the best rate in (P1) after a few steps from optima."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXCHANGE.explored]:
         exchange = _Exchange(driver, optima.grid, x, EXCHANGE.exploring_mu)
@@ -107,9 +107,9 @@ class _Exchange:
     @property
     def is_done(self) -> bool:
         """
-        Whether the solver is at rest or has taken EXCHANGE.final_steps.
+        Whether the solver is at rest or has taken EXCHANGE.final_steps at its last mu.
 
-        Places may oscillate for ever.
+        The number of steps is limited because places may oscillate for ever.
         """
         return self.at_rest or self._last_steps >= EXCHANGE.final_steps
 
@@ -158,15 +158,16 @@ class WorstPlaces:
         self._centres = self._discs.centres.swapaxes(0, 1)  # (N, E, 2)
         self._radii = self._discs.radii.T  # (N, E)
         self._guarantee = Receivers.of(grid)
-        worst, leaks = self._find_worst(x)
+        worst, leaks = self._find_worst(x)  # Worst places (N, E, 2) in m, leaks (N, E) in nats.
         offset = worst - self._centres
+        # The first places are the worst place of a disc turned about the centre by some angles.
         # The SINRs of colluding eavesdroppers add up over all places, so each has one place only.
         angles = EXCHANGE.angles[:1] if self._scenario.colluding else EXCHANGE.angles
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                               for angle in angles])
         # (N, E, P, 2), P places for each disc.
         self._places = self._centres[:, :, None] + np.einsum('aij,nej->neai', rotations, offset)
-        # The places with the largest leak at the last x, (N, E, P).
+        # True for the worst place of each disc at the last x, (N, E, P).
         self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
         self._largest[..., 0] = True
         self.receivers = self._build_receivers()
@@ -176,10 +177,10 @@ class WorstPlaces:
         """
         Exchange a place of every disc and slot for the disc's worst place at x, (N, U, 3).
 
-        The worst place replaces the nearest place within EXCHANGE.near radii, whose dual carries
-        over. Without a near place, it replaces the place with the smallest leak, and only if it is
-        worse: if its leak exceeds the largest leak to places, of its disc for colluding
-        eavesdroppers and of all discs otherwise, by more than a tolerance.
+        The worst place replaces the nearest of the disc's P places if it is within EXCHANGE.near
+        radii; the dual of the near place carries over. Without a near place, it replaces the place
+        with the smallest leak, and only if it is worse: its leak must exceed the largest leak to
+        places (of its disc for colluding eavesdroppers, else of all discs) by a tolerance.
 
         :param shares: fraction of each slot for each ground node, (G, N).
         :param tolerance: the least excess of a leak [nats].
@@ -206,10 +207,10 @@ class WorstPlaces:
     @property
     def discs(self) -> Discs:
         """
-        Discs of the places, by the names of core.pyi, in units of the grid.
+        Disc of each of E P places in a slot, by the names of core.pyi, in units of the grid.
 
-        `radii` (N, E P), `offsets` of the places from the centres (N, E P, 2), and whether each
-        place moves along with the UAVs, `moves_along` (N, E P).
+        `radii` (N, E P), `offsets` of the places from the centres (N, E P, 2), and `moves_along`
+        (N, E P): True for worst places, which move when the UAVs do.
         """
         slots, length = len(self._places), self._grid.length
         radii = np.repeat(self._radii / length, self._places.shape[2], axis=1)
@@ -230,7 +231,12 @@ class WorstPlaces:
 
     def _compute_rate(self, grounds: Array, place_leaks: Array, heard: Array, leaks: Array,
                       shares: Array | None = None) -> float:
-        """Return the least weighted mean rate [nats]; without shares, with the best shares."""
+        """
+        Return the least weighted mean rate over nodes [nats], by default with the best shares.
+
+        :param grounds: rates of ground nodes, (N, G); `heard` has rates of listeners, (N, L).
+        :param place_leaks: leaks to places, (N, E P); `leaks` has the worst of each disc, (N, E).
+        """
         if self._scenario.colluding:
             most: Array = np.log1p(np.expm1(np.maximum(leaks, place_leaks)).sum(axis=1))
         else:

@@ -52,7 +52,7 @@ class InteriorPointSolver:
         self.grid = grid
         self.raise_if_over = raise_if_over
         self.solver_time = 0.0
-        self.x: Array = np.array(x, float, order='C')
+        self.x: Array = np.array(x, float, order='C')  # (S, N, U, 3)
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self.over: NDArray[np.bool_] = np.zeros((len(x), len(grid.fixed)), bool)
@@ -72,9 +72,9 @@ class InteriorPointSolver:
 
     def rates(self) -> Array:
         """
-        Return each start's least weighted mean rate in units, negative rates as 0, (S,).
+        Return each start's least weighted mean rate over nodes, (S,) in units of grid.rate.
 
-        The rate of a start with an energy that may exceed its limit is 0.
+        The rate is 0 if it is negative, or if an energy of the start may exceed its limit.
         """
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)
@@ -145,7 +145,7 @@ class SolverDriver:
     method must end.
 
     :param grid: the full grid, which has the scenario's slots; by default the problem's grid.
-    :param elevation_offset: widening of the smoothed quantile of fading links; see make_links.
+    :param elevation_offset: homotopy parameter of links [degrees]; see make_links.
     :ivar optima: optima of a multistart near the best one, if there are several; else None.
     """
 
@@ -182,9 +182,11 @@ class SolverDriver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
+        Starts without flights strictly inside the limits of a finer grid are left out.
+
         :param mu: barrier parameter on the coarse grid, of all starts or of each, (S,).
         :param prices: prices of energies on the coarse grid, of all or of each, (S, U).
-        :param scale: scale of the barrier parameters of grids in between and of the least one.
+        :param scale: scale of DESCENT.middle_mu and DESCENT.refined_mu.
         """
         prices = np.full((len(x), len(coarse.fixed)), 1.0) * prices
         full = self.grid.slots
@@ -194,6 +196,7 @@ class SolverDriver:
                 middle = self.build_solver(grid, x, mu, prices)
                 self.descend(middle, scale * DESCENT.middle_mu)
                 x, mu, prices = middle.x, middle.mu, middle.prices
+            # The grids to the full one have a constant ratio of slots, at most DESCENT.refinement.
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(DESCENT.refinement)))
             finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
             refined = [refine(grid, start, finer, self.raise_if_over) for start in x]
@@ -215,7 +218,7 @@ class SolverDriver:
 
         :param mu: barrier parameter to which the solver lowers its own.
         :param steps: largest number of steps.
-        :param at_once: steps in one call of the solver. Only with 1 it may be done before `steps`.
+        :param at_once: steps in one call of the solver. Above 1, all `steps` are taken.
         :param try_every: steps between two proposals to the incumbent; 0 for no proposal.
         """
         taken = 0
@@ -255,7 +258,7 @@ class SolverDriver:
 
 def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
                    x: Array) -> dict[str, Any]:
-    """Return the problem of the kernel, by the names of core.pyi; energies are exact at x."""
+    """Return the kernel's problem, by the names of core.pyi; energies are exact at x (N, U, 3)."""
     limits = [limit.compiled for limit in build_limits(grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,

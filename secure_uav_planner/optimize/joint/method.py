@@ -56,7 +56,9 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
     """
     Improve the incumbent of a SolverDriver whose scenario has limits of energy; see improve.
 
-    The search for (P2) is the same for both objectives, so that (P1) is never below it.
+    Plans without these limits are sought first, and are starts of improve_within_energy unless all
+    of the plans keep the limits. The search for (P2) is the same for both objectives, so that the
+    plan of (P1) is never below the plan of (P2).
     """
     incumbent = driver.incumbent
     if incumbent.warm and math.isfinite(incumbent.rate):
@@ -85,12 +87,12 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
 
 
 def _improve_guaranteed(driver: SolverDriver) -> Status:
-    """Improve the incumbent of a SolverDriver for (P2), or where discs are points; see improve."""
+    """Improve the incumbent of a SolverDriver for (P2), which is (P1) if discs are points."""
     incumbent = driver.incumbent
     if incumbent.warm:
         return run_to_end(improve_incumbent, driver)
     if not incumbent.problem.airspace.is_open:
-        # So few flights are tried there that all may be worse than the baseline's.
+        # Around obstacles few flights are tried. All may be worse than the baseline's flights.
         optimise_powers(incumbent)
     return run_to_end(improve_by_multistart, driver)
 

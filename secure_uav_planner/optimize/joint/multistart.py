@@ -39,6 +39,9 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     """
     Improve the incumbent of a SolverDriver from several starts; return the status of the best.
 
+    Starts take Newton steps, polish and hop on a coarse grid. The best are finished on the full
+    grid. Rates of incumbents [bit/s/Hz] times log(2) / grid.rate are in units.
+
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
     incumbent = driver.incumbent
@@ -52,21 +55,24 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
               else MULTISTART.many_uavs if len(incumbent.scenario.uavs) >= MULTISTART.many
               else MULTISTART.single_node)
     grid, first, batches = _generate_coarse_starts(driver, search)
-    x, rates = _advance(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
-    agreed = ((rates > (1 - MULTISTART.distinct) * rates.max()).mean() >= MULTISTART.agreed
-              and (counts_sights
-                   or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
-                       baseline.rate / grid.rate + MULTISTART.close)))
+    x, rates = _advance_starts(early, grid, *first, ((1.0, MULTISTART.steps),), search.lowered)
+    # If most of the first starts end in the best optimum, and this is far above the baseline, the
+    # rest are not begun. Rates at an elevation offset do not compare with the baseline's.
+    in_best = (rates > (1 - MULTISTART.distinct) * rates.max()).mean()
+    agreed = in_best >= MULTISTART.agreed and (
+        counts_sights or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
+            baseline.rate / grid.rate + MULTISTART.close))
     if not agreed:
         with suppress(*_FAILURES):
             for more_x, mu in batches:
-                more_x, more_rates = _advance(
+                more_x, more_rates = _advance_starts(
                     early, grid, more_x, mu, search.ranking, search.lowered)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = select_best(rates, search.gap, MULTISTART.polished)
         x, rates = _polish(early, grid, x[near], rates[near], search)
         x, rates = _hop(early, grid, x, rates, search, search.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
+    # The best are finished on the full grid, while elevation offsets fall to 0.
     near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
         fine = early.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
@@ -86,13 +92,12 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
         with suppress(*_FAILURES):
             for share in search.polish_mus:
                 if incumbent.rate > 0:
-                    improve_incumbent(
-                        driver, share * np.log(2) * incumbent.rate / grid.rate)
+                    improve_incumbent(driver, share * np.log(2) * incumbent.rate / grid.rate)
     return 'converged' if fine.finished.any() else status
 
 
 def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Status:
-    """Improve the incumbent as it is, from a barrier parameter on; return the status."""
+    """Improve the incumbent's own iterate from the first barrier parameter mu."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, DESCENT.warm_share,
                                driver.raise_if_over)
@@ -101,10 +106,13 @@ def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Stat
 
 def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     """
-    Improve only the powers of an Incumbent; return the status of the best level.
+    Improve only the powers of an Incumbent; return the status of the best start.
 
-    :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
-    :raises NumericalError: when no step can be computed from any level.
+    The flights are fixed. The starts have the incumbent's powers, and the largest powers of starts
+    with jammers at the shares MULTISTART.levels.
+
+    :param least: mean rate in units that a start must reach on a coarse grid to be finished.
+    :raises NumericalError: when no step can be computed from any start.
     """
     incumbent.try_less_jamming()
     driver = SolverDriver(incumbent, replace(incumbent.problem.grid, is_fixed=True))
@@ -123,7 +131,7 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
 
 def _generate_coarse_starts(driver: SolverDriver, search: Search
                             ) -> tuple[Grid, _Starts, Iterator[_Starts]]:
-    """Return the coarsest grid with room for most starts, their first batch, and the rest."""
+    """Return the coarsest grid tried with room for most starts, their first batch and the rest."""
     is_whole = driver.grid.slots <= search.whole_slots
     slots = driver.grid.slots if is_whole else DESCENT.coarse_slots
     while True:
@@ -138,32 +146,39 @@ def _generate_coarse_starts(driver: SolverDriver, search: Search
         slots *= 2
 
 
-def _advance(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
-             ranking: tuple[tuple[float, int], ...], lowered: float) -> tuple[Array, Array]:
+def _advance_starts(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
+                    ranking: tuple[tuple[float, int], ...], lowered: float
+                    ) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,).
+    Return the last S' ranked starts (S', N, U, 3) after Newton steps, and their rates (S',).
 
-    :param ranking: shares of the starts that take steps, and how many; see Search.
-    :param lowered: ratio of the last barrier parameter and the least first one.
+    :param x: variables of the starts, (S, N, U, 3).
+    :param mu: first barrier parameters, (S,).
+    :param ranking: pairs (p, n): the best ceil(p S) starts take n steps; see Search.
+    :param lowered: last barrier parameter over the least of the first ones.
     """
-    least = min(lowered * mu.min(), DESCENT.coarse_mu)
+    final = min(lowered * mu.min(), DESCENT.coarse_mu)
     solver = driver.build_solver(grid, x, mu)
     for share, steps in ranking:
         if share < 1:
             best = np.argsort(-solver.rates(), kind='stable')[:math.ceil(share * len(x))]
             solver = driver.build_solver(grid, solver.x[best], solver.mu[best])
-        driver.advance(solver, steps, least)
+        driver.advance(solver, steps, final)
     driver.try_best(solver)
     return solver.x, solver.rates()
 
 
 def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             search: Search) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) and their rates, (S,), polished where that raises a rate."""
+    """
+    Return starts (S, N, U, 3) and their rates (S,) after Newton steps that raise a start's rate.
+
+    The steps begin with the barrier parameter share * rate, for each share in search.polish_mus.
+    """
     with suppress(*_FAILURES):
         for share in search.polish_mus:
             mu = np.maximum(share * rates, DESCENT.final_mu)
-            new_x, new_rates = _advance(
+            new_x, new_rates = _advance_starts(
                 driver, grid, x, mu, ((1.0, search.polish_steps),), search.lowered)
             x = np.where((new_rates > rates)[:, None, None, None], new_x, x)
             rates = np.maximum(new_rates, rates)
@@ -172,7 +187,11 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
          search: Search, hops: Hops) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) and rates (S,) after hops; a hop is kept if it raises a rate."""
+    """
+    Return starts (S, N, U, 3) and rates (S,) after hops, changed in place; see Hops.
+
+    A hop changes a start at random, takes Newton steps, and is kept if it raises the rate.
+    """
     rng, kept = np.random.default_rng(6), hops.kept
     with suppress(*_FAILURES):
         for _ in range(hops.rounds):
@@ -180,21 +199,23 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             number = np.resize(select_best(rates, search.gap, kept), MULTISTART.hops_at_once)
             hopped, tried, mu = generate_hops(
                 grid, x[number], rates[number], rng, driver.raise_if_over)
-            new_x, new_rates = _advance(
+            new_x, new_rates = _advance_starts(
                 driver, grid, tried, mu, ((1.0, MULTISTART.hop_steps),), search.lowered)
             for start, new, rate in zip(number[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate
-            kept -= rates.max() < (1 + MULTISTART.distinct) * best
+            if rates.max() < (1 + MULTISTART.distinct) * best:
+                kept -= 1
             if not kept:
                 break
     return x, rates
 
 
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
-    """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
+    """Try the baseline with the best powers, which are finished if close to the incumbent."""
     with suppress(*_FAILURES):
         unit = incumbent.problem.grid.rate
+        # Close: below by at most a share of the rate plus an absolute term, both MULTISTART.close.
         improve_powers(baseline, np.log(2) * (
             (1 - MULTISTART.close) * incumbent.rate / unit - MULTISTART.close))
         baseline.try_idle_slots()

@@ -137,7 +137,7 @@ class _Multistart(_Numbers):
     level_steps: int = 20  # Newton steps from each level on the coarse grid.
     level_mu: float = 0.03  # Barrier parameter to begin with at each level.
     level_share: float = 0.01  # Share by which powers are moved into the interior at each level.
-    # Elevations added to links early in the search [degrees].
+    # Elevation offsets of links early in the search [degrees]; see make_links.
     elevation_offsets: tuple[float, ...] = (8.0, 4.0, 2.0)
     offset_steps: int = 25  # The most Newton steps with each elevation offset on the full grid.
     offset_mu: float = 1e-4  # Barrier parameter that ends the steps with an elevation offset.

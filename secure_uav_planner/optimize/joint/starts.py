@@ -20,6 +20,7 @@ from ...model.limits import build_limits, NormLimit
 from ...model.problem import Problem
 
 _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
+"""Indices of each UAV's routes (to its hovering place, to its goal); None for the shortest."""
 
 
 def sample_hovering_places(scenario: Scenario, count: int) -> Array:
@@ -29,8 +30,8 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     With several ground nodes, _visit_nodes extends the places to (S, G, U, 2). The first start is
     the paper's: the transmitter above the ground node, the jammers above the eavesdroppers in
     turn. Other starts have random places around receivers, near enough for lines of sight if these
-    count; the places rotate and shift with the map. Receivers that move are taken at half time,
-    and in every second start at random times.
+    count; the places rotate and shift with the map. Receivers that move are taken at `times`:
+    at half time, and in every second start at random times.
     """
     rng = np.random.default_rng(0)
     uavs = len(scenario.uavs)
@@ -43,16 +44,17 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     target = rng.integers(len(centres), size=(count, uavs))
     target[0, 1:] = np.arange(uavs - 1) % len(centres)
     ground, eavesdropper = grounds[0, 0], centres[0, 0]
-    at = np.arange(count * uavs).reshape(count, uavs)
-    targets = centres[target, at]
-    targets[:, 0] = grounds[0, at[:, 0]]
+    time = np.arange(count * uavs).reshape(count, uavs)  # Index of each UAV's time.
+    targets = centres[target, time]
+    targets[:, 0] = grounds[0, time[:, 0]]
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
-    errors = radii[target, at]
+    errors = radii[target, time]
     errors[:, 0] = 0.0
+    # Largest distance [m] from a target with lines of sight to its whole disc.
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
     lengths = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
     places: Array = targets + offsets * np.minimum(1.0, longest / lengths)[..., None]
@@ -63,9 +65,10 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     """
     Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
 
-    The transmitter visits the nodes in the orders of list_orders in turn: in the first starts
-    above the nodes, later at random distances. In every fourth start it stays between the nodes;
-    without a jammer it takes a short way instead.
+    The transmitter visits the nodes in the orders of list_orders in turn. It hovers above the
+    nodes in as many starts as there are orders, and at random distances in later starts. In
+    starts 3, 7, 11, ... it stays at one random place between the nodes; without a jammer it takes
+    the stops of _find_short_way instead. Jammers stay at their places.
 
     :param places: hovering places of the starts for the first ground node, (S, U, 2) in m.
     """
@@ -91,8 +94,9 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     """
     Return stops from which nodes (G, 2) in m are served in an order without jamming, (G, 2) in m.
 
-    The stops are random places around the nodes with a positive rate, and form the shortest way
-    from start to goal. Without a jammer, places between the nodes may have no rate.
+    A stop is a node or a random place around it with a positive rate for the node. Dynamic
+    programming finds the stops of the shortest way. Such stops are for missions without a jammer,
+    in which places between the nodes may have no rate.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
@@ -102,32 +106,34 @@ def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array
     powers = np.full((1, points.shape[1] - 2), scenario.average_powers[0])
     rates = guaranteed_node_rates(scenario, points, powers, times=np.full(
         powers.shape[1], scenario.duration / 2)).reshape(len(nodes), *shape)
-    losses = np.where(rates[order, np.arange(len(nodes))] > 0, 0.0, np.inf)
-    lengths = losses[0] + np.linalg.norm(places[0] - scenario.starts[0], axis=-1)
-    choices = []
-    for before, here, loss in zip(places, places[1:], losses[1:]):
+    penalties = np.where(rates[order, np.arange(len(nodes))] > 0, 0.0, np.inf)
+    # Length [m] of the shortest way from the start to each place of the present node.
+    lengths = penalties[0] + np.linalg.norm(places[0] - scenario.starts[0], axis=-1)
+    predecessors = []
+    for before, here, penalty in zip(places, places[1:], penalties[1:]):
         ways = lengths[:, None] + np.linalg.norm(before[:, None] - here, axis=-1)
-        choices.append(ways.argmin(axis=0))
-        lengths = ways.min(axis=0) + loss
-    best = [(lengths + np.linalg.norm(places[-1] - scenario.goals[0], axis=-1)).argmin()]
-    for choice in reversed(choices):
-        best.insert(0, choice[best[0]])
-    return places[np.arange(len(nodes)), best]
+        predecessors.append(ways.argmin(axis=0))
+        lengths = ways.min(axis=0) + penalty
+    chosen = [(lengths + np.linalg.norm(places[-1] - scenario.goals[0], axis=-1)).argmin()]
+    for predecessor in reversed(predecessors):
+        chosen.insert(0, predecessor[chosen[0]])
+    return places[np.arange(len(nodes)), chosen]
 
 
 def generate_starts(grid: Grid, problem: Problem, baseline: Array,
                     raise_if_over: DeadlineCheck = lambda: None) -> Iterator[tuple[Array, Array]]:
     """
-    Yield one or two batches of strictly feasible starts.
+    Yield one or two batches of strictly feasible starts with their first barrier parameters.
 
-    With several ground nodes most starts visit the nodes, and the first batch has random starts.
+    With one ground node all starts are random. With several, the first batch joins
+    STARTS.first_batch random starts and half as many of the best starts that visit the nodes; the
+    second batch has the other starts that visit the nodes.
 
     :param grid: a grid of any number of slots.
     :param problem: Problem of the grid's scenario.
     :param baseline: feasible flights, (U, N+2, 2) in m, for starts if no random flight is found.
-    :param raise_if_over: called before each flight; what it raises is passed on, as everywhere
-        here.
-    :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
+    :param raise_if_over: called before each flight; an error that it raises is passed on.
+    :return: the starts, (S, N, U, 3), and their first barrier parameters in units, (S,).
     :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
         grid that can be finer.
     """
@@ -140,23 +146,26 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
         grid, baseline, round(STARTS.visiting * count), raise_if_over)
     random_x, random_mu = next(_generate_random(
         grid, problem, baseline, STARTS.places, raise_if_over))
-    first = STARTS.first_batch // 2
-    yield np.concatenate([random_x, x[:first]]), np.append(scale * random_mu, mu[:first])
-    if len(x) > first:
-        yield x[first:], mu[first:]
+    best = STARTS.first_batch // 2  # Number of starts that visit nodes in the first batch.
+    yield np.concatenate([random_x, x[:best]]), np.append(scale * random_mu, mu[:best])
+    if len(x) > best:
+        yield x[best:], mu[best:]
 
 
 def _generate_visiting(grid: Grid, baseline: Array, count: int,
                        raise_if_over: DeadlineCheck) -> tuple[Array, Array, float]:
     """
-    Return starts that visit all ground nodes well, see visit_search.py.
+    Return the best starts of generate_visits and the baseline as the last one, at most `count`.
 
-    :return: the starts, (S, N, U, 3); the barrier parameters to begin with, (S,); and the scale of
-        barrier parameters, which is the best rate that is expected, within STARTS.scales.
+    Starts without strictly feasible flights are left out.
+
+    :return: the starts, (S, N, U, 3); their first barrier parameters, (S,); and a scale for the
+        barrier parameters of random starts: the best estimated rate, clipped to STARTS.scales. All
+        are in units of the grid.
     """
     scenario, most = grid.scenario, limit_powers(grid.scenario)
     flights, powers, rates = generate_visits(grid, count - 1, most, raise_if_over)
-    rates *= np.log(2) / grid.rate
+    rates *= np.log(2) / grid.rate  # bit/s/Hz to units.
     scale = float(np.clip(rates.max(), *STARTS.scales))
     mus = np.maximum(STARTS.visit_mu * rates, STARTS.least_mu)
     constant = np.repeat(most, grid.slots, axis=1)
@@ -165,7 +174,7 @@ def _generate_visiting(grid: Grid, baseline: Array, count: int,
                               (baseline, constant, STARTS.baseline_mu * scale)):
         inside = find_interior(grid, flight, STARTS.visit_share, raise_if_over)
         if inside is not None:
-            starts.append(_scale(grid, inside, STARTS.on * power, STARTS.silent))
+            starts.append(_make_variables(grid, inside, STARTS.on * power, STARTS.silent))
             kept.append(mu)
     x = np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3)
     return x, np.array(kept), scale
@@ -176,7 +185,8 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
     """
     Yield two batches of starts through random hovering places, (S, N, U, 3), and their mu (S,).
 
-    Around obstacles, the first batch also tries other routes to the first hovering places.
+    Around obstacles, the first batch also tries other routes to the first hovering places. If
+    fewer flights than starts are found, several starts share a flight and differ in their powers.
     """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
@@ -240,17 +250,23 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
         alone = find_powers_without_jamming(scenario, flights[number][0], STARTS.on)
         if alone is not None:
             powers[number, 0] = resample(alone[0], grid.slots, inner=True)
-    return _scale(grid, np.array([inside for _, inside in flights]), powers, STARTS.silent), mu
+    inside = np.array([inside for _, inside in flights])
+    return _make_variables(grid, inside, powers, STARTS.silent), mu
 
 
 def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
                   raise_if_over: DeadlineCheck) -> tuple[list[int], Array, Array]:
     """
-    Return starts near variables (S, N, U, 3): one UAV's path and the jamming change for a while.
+    Return random starts near given ones: one UAV's path and the jamming change for a while.
 
-    :param rates: rates of the variables in units, (S,).
-    :return: the numbers of the variables for which there is a start, the starts, and the barrier
-        parameters of the starts.
+    In start s the bump b(t) = exp(-((t - t_s) / w_s)^2 / 2) around a random time t_s moves
+    the path of a random UAV by b times a random vector, and scales the power of each jammer by
+    exp(b z) with a normal z. Changes without strictly feasible flights are left out.
+
+    :param x: variables of the given starts, (S, N, U, 3).
+    :param rates: rates of the given starts in units, (S,).
+    :return: the indices of the S' given starts that are changed, the changed starts
+        (S', N, U, 3), and their first barrier parameters (S',).
     :raises NumericalError: when there are no starts.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
@@ -259,17 +275,17 @@ def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
     hopped, starts = [], []
     for number, variables in enumerate(x):
         width = log_uniform(rng, STARTS.hop_width, ())
-        part = np.exp(-0.5 * ((along - rng.random()) / width)**2) * (along > 0) * (along < 1)
+        bump = np.exp(-0.5 * ((along - rng.random()) / width)**2) * (along > 0) * (along < 1)
         flights, powers = grid.positions(variables), grid.powers(variables)
         length = scenario.altitudes.mean() * log_uniform(rng, STARTS.hop_size, ())
-        flights[rng.integers(uavs)] += length * part[:, None] * rng.normal(size=2)
-        powers[1:] *= np.exp(STARTS.hop_jamming * rng.normal(size=(uavs - 1, 1)) * part[1:-1])
+        flights[rng.integers(uavs)] += length * bump[:, None] * rng.normal(size=2)
+        powers[1:] *= np.exp(STARTS.hop_jamming * rng.normal(size=(uavs - 1, 1)) * bump[1:-1])
         for limit in limits:
             flights = limit.retract(flights)
         inside = find_interior(grid, flights, STARTS.share, raise_if_over)
         if inside is not None:
             hopped.append(number)
-            starts.append(_scale(grid, inside, powers, STARTS.silent))
+            starts.append(_make_variables(grid, inside, powers, STARTS.silent))
     if not hopped:
         raise NumericalError('no flight strictly inside the limits was found')
     mus = rates[hopped] * log_uniform(rng, STARTS.hop_mu, (len(hopped),))
@@ -278,9 +294,12 @@ def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
 
 def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Routes, bool]]:
     """
-    Yield alternative routes to hovering places.
+    Yield alternative routes to hovering places (U, 2) or (G, U, 2) in m.
 
-    :return: the routes of build_flights, and whether UAVs that meet pass on the opposite side.
+    First UAVs pass on the opposite side. Then one UAV takes its second or third shortest route, to
+    its place or to its goal.
+
+    :return: routes as for build_flights, and whether UAVs that meet pass on the opposite side.
     """
     uavs = len(problem.scenario.uavs)
     if uavs > 1 and problem.scenario.separation:
@@ -308,16 +327,21 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
     powers = resample(powers.T, grid.slots, inner=True).T
-    return _scale(grid, flights, powers, STARTS.power_margin * share, share)
+    return _make_variables(grid, flights, powers, STARTS.power_margin * share, share)
 
 
-def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
-           share: float = STARTS.share) -> Array:
+def _make_variables(grid: Grid, flights: Array, powers: Array, least: float | Array,
+                    share: float = STARTS.share) -> Array:
     """
-    Return the variables of flights and powers, with powers made strictly feasible.
+    Return the variables (..., N, U, 3) of flights and powers, with powers made strictly feasible.
 
-    :param least: smallest powers, in shares of limit_powers.
-    :param share: share of each slack that the flights keep free, and the powers in part.
+    Powers are clipped to [least * limit_powers, most * peak], then scaled down to a mean of at
+    most most * average, where most = 1 - STARTS.power_margin * share.
+
+    :param flights: strictly feasible flights, (..., U, N+2, 2) in m.
+    :param powers: powers, (..., U, N) in W.
+    :param least: smallest power as a share of limit_powers.
+    :param share: share of each slack that the flights keep free.
     """
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
     most = 1 - STARTS.power_margin * share
@@ -358,7 +382,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     """
     Return positions (U, N+2, 2) in m moved strictly inside the limits of acceleration.
 
-    Blending towards the reference flight and interpolation keep the limit of speed.
+    Blending towards the reference flight and interpolating, before this, keep the speed limit.
     """
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):

@@ -21,9 +21,11 @@ from ...model.limits import build_limits, NormLimit
 def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: DeadlineCheck
                     ) -> tuple[Array, Array, Array]:
     """
-    Return starts that visit all ground nodes, the best by estimate first.
+    Return the `count` best starts that visit all ground nodes, the best estimated rate first.
 
-    :param powers: powers of starts, (U, 1) in W, see limit_powers.
+    Random visits are drawn for every order of list_orders and improved by random changes.
+
+    :param powers: largest power of each UAV in starts, (U, 1) in W; see limit_powers.
     :param raise_if_over: called before each order and each round of changes; what it raises is
         passed on.
     :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
@@ -32,29 +34,36 @@ def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: Deadli
     scenario, rng = grid.scenario, np.random.default_rng(5)
     orders = list_orders(
         scenario, scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0])
-    drawn = -(-VISIT_SEARCH.drawn * count // len(orders))
+    per_order = -(-VISIT_SEARCH.drawn * count // len(orders))  # Rounded up.
     batches = []
     for order in orders:
         raise_if_over()
-        batches.append(draw_visits(scenario, order, drawn, powers[:, 0], rng))
+        batches.append(draw_visits(scenario, order, per_order, powers[:, 0], rng))
     visits = Visits(*map(np.concatenate, zip(*batches)))
     coarse = grid.with_slots(min(grid.slots, VISIT_SEARCH.slots))
-    visits = _improve(coarse, visits, powers, rng, raise_if_over)
+    visits = _improve_visits(coarse, visits, powers, rng, raise_if_over)
     flights = fly_visits(grid, visits)
     for limit in build_limits(grid):
         if isinstance(limit, NormLimit):
             flights = np.stack([limit.retract(flight) for flight in flights])
     estimates, power, delivers = _estimate(grid, visits, flights, powers)
     best = np.argsort(-estimates, kind='stable')[:count]
-    # Every second start transmits only in slots with a positive rate.
+    # Every second start transmits only in slots with a positive rate, at the same mean power.
     delivers = delivers[best[1::2]]
     power[best[1::2], 0] *= delivers / np.maximum(delivers.mean(axis=1, keepdims=True), 1e-3)
     return flights[best], power[best], estimates[best]
 
 
-def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator,
-             raise_if_over: DeadlineCheck) -> Visits:
-    """Return visits after random changes; a change is kept if it raises the estimate."""
+def _improve_visits(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator,
+                    raise_if_over: DeadlineCheck) -> Visits:
+    """
+    Return the visits of C starts after rounds of random changes.
+
+    A round changes every start once, and keeps changes that raise the start's estimate. Rounds end
+    after VISIT_SEARCH.changes if enough starts serve all nodes, otherwise after `most_changes`.
+
+    :param powers: largest power of each UAV in starts, (U, 1) in W.
+    """
     drawn, estimates = visits, _estimate(grid, visits, fly_visits(grid, visits), powers)[0]
     for number in range(VISIT_SEARCH.most_changes):
         serving = (estimates >= VISIT_SEARCH.served).mean()
@@ -72,13 +81,16 @@ def _improve(grid: Grid, visits: Visits, powers: Array, rng: np.random.Generator
 def _estimate(grid: Grid, visits: Visits, flights: Array,
               powers: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """
-    Estimate the least mean rates of C starts on a grid.
+    Estimate the least over nodes of mean rate / weight of C starts on a grid of N slots.
 
+    :param flights: flights through the visits, (C, U, N+2, 2) in m.
+    :param powers: largest power of each UAV in starts, (U, 1) in W.
     :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and whether
         any node has a positive rate in each slot, (C, N).
     """
     scenario = grid.scenario
     slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
+    # Index of the visit in each slot, (C, N).
     visit = (slots[:, None] > visits.ends[:, None, :-1]).sum(axis=-1)
     power = powers * np.moveaxis(np.take_along_axis(visits.shares, visit[..., None], 1), -1, 1)
     rates = guaranteed_node_rates(
@@ -86,7 +98,8 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
         times=np.tile(grid.times, len(flights)))
     rates = rates.reshape(len(rates), len(flights), grid.slots)
     delivers = np.asarray((rates > 0).any(axis=0))
-    # A node without a positive rate gets a small one, which is larger the less the node lacks.
+    # A node without a positive rate gets the rate lack * 2^(best rate), which rises with its
+    # negative best rate.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
     rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
     return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, delivers
@@ -101,10 +114,11 @@ def _bound_least_rates(rates: Array) -> Array:
     """
     Return upper bounds (C,) of the least mean rates that shares of slots can give.
 
-    For any prices of the nodes that sum to 1, the mean over slots of the largest priced rate is a
-    bound. Each round lowers the prices of nodes with large rates.
+    For any prices p_g >= 0 of the nodes with sum 1, the mean over slots n of max_g p_g rate_g[n]
+    is a bound. Each round takes the shares that attain this maximum, and lowers the prices of
+    nodes with large mean rates at these shares. The least bound of all rounds is returned.
 
-    :param rates: rates over weight, positive, (C, G, N).
+    :param rates: rate over weight of each node in each slot, positive, (C, G, N).
     """
     prices = 1 / rates.mean(axis=-1)
     prices /= prices.sum(axis=1, keepdims=True)
@@ -122,12 +136,14 @@ def _bound_least_rates(rates: Array) -> Array:
 
 def _change(scenario: Scenario, visits: Visits, drawn: Visits, rng: np.random.Generator) -> Visits:
     """
-    Return visits with a random change of each start.
+    Return the visits of C starts, each with one random change of four equally likely kinds.
 
-    A quarter each reverses a part of the order, takes places and powers of one UAV or all from
-    another start's visit of the node, moves a UAV in one visit, and stretches the visits.
+    Kind 0 reverses a part of the order. Kind 1 takes places and powers of one visit from a
+    drawn start's visit of the same node, for one UAV or, with probability 1/2, for all UAVs.
+    Kind 2 moves one UAV in one visit, and scales its power if it is a jammer. Kind 3 stretches
+    the durations of all visits.
 
-    :param drawn: starts from which places and powers are taken.
+    :param drawn: the starts as first drawn, from which kind 1 takes places and powers.
     """
     starts, (count, stops, uavs) = np.arange(len(visits.nodes)), visits.shares.shape
     kind, stop = rng.integers(4, size=count), rng.integers(stops, size=count)

@@ -46,19 +46,23 @@ class Visits(NamedTuple):
 def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
                 rng: np.random.Generator) -> Visits:
     """
-    Return random starts that visit ground nodes in an order.
+    Return random starts that visit the V ground nodes once each, all in one order.
 
-    :param order: numbers of the nodes, V.
-    :param count: number of starts.
-    :param powers: powers of starts [W], (U,).
+    A visit lasts longer for a node with a large weight and a small best rate. Each start draws one
+    in VISITS.drawn of the sampled configurations (all places and powers of one visit). For each
+    visit _choose_sequence chooses one of the VISITS.kept best configurations drawn.
+
+    :param order: indices of the V ground nodes in the order of the visits.
+    :param count: number C of starts.
+    :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
     weights = scenario.node_weights[order]
     needs = np.full(len(order), 1 / len(order))
     for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
-        ends = np.cumsum(needs)
-        times = (ends - needs / 2) * scenario.times[-1]
-        pool = _sample_configurations(scenario, order, times, powers, rng)
-        rates = pool[2].max(axis=1)
+        middles = (np.cumsum(needs) - needs / 2) * scenario.times[-1]
+        pool = _sample_configurations(scenario, order, middles, powers, rng)
+        pool_rates = pool[2]
+        rates = pool_rates.max(axis=1)
         durations = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
         needs = VISITS.equal / len(order) + (1 - VISITS.equal) * durations / durations.sum()
     visit = np.arange(len(order))
@@ -66,13 +70,13 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
     all_ends = np.cumsum(durations / durations.sum(axis=1, keepdims=True), axis=1)
     places, shares = [], []
     for ends in all_ends:
-        times = (ends - np.diff(ends, prepend=0.0) / 2) * scenario.times[-1]
-        drawn = rng.integers(VISITS.drawn, size=pool[2].shape) == 0
-        kept = np.argsort(np.where(drawn, -pool[2], np.inf), axis=1)[:, :VISITS.kept]
-        some_places, some_shares, some_rates = (values[visit[:, None], kept] for values in pool)
-        best = _choose_sequence(scenario, some_places, some_rates, times)
-        places.append(some_places[visit, best])
-        shares.append(some_shares[visit, best])
+        middles = (ends - np.diff(ends, prepend=0.0) / 2) * scenario.times[-1]
+        is_drawn = rng.integers(VISITS.drawn, size=pool_rates.shape) == 0
+        kept = np.argsort(np.where(is_drawn, -pool_rates, np.inf), axis=1)[:, :VISITS.kept]
+        kept_places, kept_shares, kept_rates = (values[visit[:, None], kept] for values in pool)
+        chosen = _choose_sequence(scenario, kept_places, kept_rates, middles)
+        places.append(kept_places[visit, chosen])
+        shares.append(kept_shares[visit, chosen])
     return Visits(np.tile(order, (count, 1)), np.stack(places), np.stack(shares),
                   np.diff(all_ends, axis=1, prepend=0.0))
 
@@ -80,12 +84,17 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
 def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
                            rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """
-    Return C = VISITS.samples random configurations for each of some visits at times (V,) in s.
+    Return C = VISITS.samples random configurations, places and powers of all UAVs, of each visit.
 
-    :param order: numbers of the ground nodes that are visited, V.
+    UAV 0, the transmitter, is near the visited node at its largest power. Each jammer is near a
+    random eavesdropper or listening ground node, at a random power. Each offset is a normal vector
+    times a log-uniform distance. Places too far for the time are moved by _keep_in_reach.
+
+    :param order: indices of the V ground nodes that are visited.
+    :param times: time of the middle of each visit, (V,) in s.
     :param powers: largest power of each UAV, (U,) in W.
     :return: places of the UAVs, (V, C, U, 2) in m; powers as shares of the largest, (V, C, U);
-        rate of the node that is visited in bit/s/Hz, (V, C).
+        guaranteed rate of the visited node in bit/s/Hz, (V, C), which may be negative.
     """
     visit, uavs = np.arange(len(order)), len(scenario.uavs)
     grounds, centres, _ = scenario.receivers_at(times)
@@ -108,63 +117,88 @@ def _sample_configurations(scenario: Scenario, order: list[int], times: Array, p
 
 
 def _choose_sequence(scenario: Scenario, places: Array, rates: Array, times: Array) -> list[int]:
-    """Return which configuration (V, C) each visit takes, so that UAVs have time to fly on."""
+    """
+    Return the index of the configuration that each of V visits takes.
+
+    Dynamic programming maximises the sum of log(rate) over visits minus VISITS.late times the sum
+    of [t / (VISITS.flying * T) - 1]^+ over successive visits. T is the time between the middles of
+    both visits, and t the time at max_speed of the UAV that takes longest.
+
+    :param places: places of the UAVs in each of C configurations of a visit, (V, C, U, 2) in m.
+    :param rates: rate of the visited node, (V, C) in bit/s/Hz.
+    :param times: time of the middle of each visit, (V,) in s.
+    """
     values = np.log(np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9)))
-    total, choices = values[0], []
+    # Best score of a sequence that ends in each configuration of the present visit, (C,).
+    score, predecessors = values[0], []
     for before, here, value, time in zip(places, places[1:], values[1:], np.diff(times)):
-        way = np.linalg.norm(before[:, None] - here, axis=-1) / scenario.max_speeds
-        late = np.maximum(way.max(axis=-1) / (VISITS.flying * time) - 1, 0.0)
-        sums = total[:, None] - VISITS.late * late
-        choices.append(sums.argmax(axis=0))
-        total = sums.max(axis=0) + value
-    best = [int(total.argmax())]
-    for choice in reversed(choices):
-        best.insert(0, int(choice[best[0]]))
-    return best
+        flying = np.linalg.norm(before[:, None] - here, axis=-1) / scenario.max_speeds
+        late = np.maximum(flying.max(axis=-1) / (VISITS.flying * time) - 1, 0.0)
+        scores = score[:, None] - VISITS.late * late
+        predecessors.append(scores.argmax(axis=0))
+        score = scores.max(axis=0) + value
+    chosen = [int(score.argmax())]
+    for predecessor in reversed(predecessors):
+        chosen.insert(0, int(predecessor[chosen[0]]))
+    return chosen
 
 
 def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array) -> Array:
-    """Return places (..., U, 2) in m, moved to where a share of the speed leads in times in s."""
+    """
+    Return places (..., U, 2) in m, moved so that UAVs can pass them and still reach their goals.
+
+    A place within reach stays. Any other moves towards the UAV's place at the same time on the
+    straight flight from start to goal, until a speed suffices from the start and to the goal. The
+    speed is share * max_speed, but at least the speed of the straight flight.
+
+    :param times: time at which each place is passed, in s, with a last axis of length 1 or U.
+    :param share: allowed speed over max_speed, in a shape that broadcasts with (..., U).
+    """
     total = scenario.times[-1]
     straight = scenario.starts + (times / total)[..., None] * (scenario.goals - scenario.starts)
     speeds = np.maximum(share * scenario.max_speeds, np.linalg.norm(
         scenario.goals - scenario.starts, axis=-1) / total)
-    offsets, share = places - straight, np.ones(places.shape[:-1])
-    for end, left in ((scenario.starts, times), (scenario.goals, total - times)):
-        # |straight + s offset - end| = speed * left, solved for the share s.
-        away, reach = straight - end, speeds * left
+    offsets, kept = places - straight, np.ones(places.shape[:-1])
+    for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
+        # |straight + s offset - end| = speed * time, solved for the kept share s of the offset.
+        away, reach = straight - end, speeds * time
         square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
         half = (away * offsets).sum(axis=-1) / square
         rest = np.maximum(reach**2 - (away**2).sum(axis=-1), 0.0) / square
-        share = np.minimum(share, np.sqrt(half**2 + rest) - half)
-    return straight + share[..., None] * offsets
+        kept = np.minimum(kept, np.sqrt(half**2 + rest) - half)
+    return straight + kept[..., None] * offsets
 
 
 def fly_visits(grid: Grid, visits: Visits) -> Array:
-    """Return flights (C, U, N+2, 2) in m on a grid that pursue places as their goals allow."""
+    """
+    Return the flights (C, U, N+2, 2) in m on a grid of C starts that pass the places of visits.
+
+    A UAV flies at full speed to its place of the present visit and waits there. It leaves when
+    half of the way to the next place takes the rest of the visit, and stays in reach of its goal.
+    If any UAV has no time for this even on the straight way, all have the reference flight.
+    """
     scenario, ends = grid.scenario, visits.ends
     steps = scenario.max_speeds * grid.slot_duration
-    # A limit of acceleration is kept by means of velocities over the moves that full speed takes.
+    # Moving averages over the moves in which a UAV reaches full speed limit the acceleration.
     width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
                 for uav in scenario.uavs)
-    moves, each = grid.slots + 1 - width, np.arange(len(ends))
-    place = np.repeat(scenario.starts[None], len(each), axis=0)
-    if (_measure(scenario.goals - scenario.starts) > moves * steps).any():
-        return np.repeat(grid.reference_flight[None], len(each), axis=0)
-    points = [place]
+    moves, start = grid.slots + 1 - width, np.arange(len(ends))
+    point = np.repeat(scenario.starts[None], len(start), axis=0)
+    if (_measure_lengths(scenario.goals - scenario.starts) > moves * steps).any():
+        return np.repeat(grid.reference_flight[None], len(start), axis=0)
+    points = [point]
     for number in range(1, moves + 1):
         visit = (number / moves > ends[:, :-1]).sum(axis=1)
-        following = visits.places[each, np.minimum(visit + 1, ends.shape[1] - 1)]
-        # Half the way to the next place is flown in the time for the present one.
-        leaves = number / moves + _measure(following - place) / (2 * moves * steps) > (
-            ends[each, visit][:, None])
-        offset = np.where(leaves[..., None], following, visits.places[each, visit]) - place
-        place = place + offset * np.minimum(1.0, steps / np.maximum(_measure(offset), 1e-9)
-                                            )[..., None]
-        offset = place - scenario.goals
-        place = scenario.goals + offset * np.minimum(
-            1.0, steps * (moves - number) / np.maximum(_measure(offset), 1e-9))[..., None]
-        points.append(place)
+        following = visits.places[start, np.minimum(visit + 1, ends.shape[1] - 1)]
+        leaves = number / moves + _measure_lengths(following - point) / (2 * moves * steps) > (
+            ends[start, visit][:, None])
+        offset = np.where(leaves[..., None], following, visits.places[start, visit]) - point
+        point = point + offset * np.minimum(
+            1.0, steps / np.maximum(_measure_lengths(offset), 1e-9))[..., None]
+        offset = point - scenario.goals  # The goal must stay in reach of the moves that are left.
+        point = scenario.goals + offset * np.minimum(
+            1.0, steps * (moves - number) / np.maximum(_measure_lengths(offset), 1e-9))[..., None]
+        points.append(point)
     path = np.pad(np.stack(points, axis=2), ((0, 0), (0, 0), (width, width), (0, 0)), mode='edge')
     sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
     flights = (sums[:, :, width + 1:] - sums[:, :, :-width - 1]) / (width + 1)
@@ -172,7 +206,8 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
     return flights
 
 
-def _measure(offsets: Array) -> Array:
+def _measure_lengths(offsets: Array) -> Array:
+    """Return the lengths (...) of vectors (..., 2)."""
     return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
 
 
