@@ -21,6 +21,7 @@ from secure_uav_planner.optimize.joint.exchange import WorstPlaces
 from secure_uav_planner.optimize.joint.interior_point import InteriorPointSolver
 from secure_uav_planner.optimize.joint.settings import VISIT_SEARCH
 from secure_uav_planner.optimize.joint.starts import limit_powers, refine
+from secure_uav_planner.optimize.joint.visits import draw_visits, fly_visits
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_eavesdroppers, with_uavs
@@ -149,7 +150,7 @@ def test_changes_of_visits_keep_every_node_and_raise_the_estimates(monkeypatch):
     scenario = make_mission(LAYOUTS['C'], slots=24)
     grid, rng = Problem(scenario).grid, np.random.default_rng(0)
     powers = limit_powers(scenario)
-    visits = visit_search.draw_visits(scenario, [2, 0, 1], 6, powers[:, 0], rng)
+    visits = draw_visits(scenario, [2, 0, 1], 6, powers[:, 0], rng)
     for _ in range(50):
         visits = visit_search._change(scenario, visits, visits, rng)
     np.testing.assert_array_equal(np.sort(visits.nodes, axis=1), [[0, 1, 2]] * 6)
@@ -160,6 +161,19 @@ def test_changes_of_visits_keep_every_node_and_raise_the_estimates(monkeypatch):
     monkeypatch.undo()
     changed = visit_search.generate_visits(grid, 6, powers, lambda: None)[2]
     assert (changed > 1.02 * drawn).all()
+
+
+@pytest.mark.parametrize('duration', [98.0, 120.0, 180.0])
+def test_flights_through_visits_keep_the_largest_speed_and_reach_the_goal(duration):
+    scenario = make_mission(LAYOUTS['C'], duration, slots=24)
+    grid, rng = Problem(scenario).grid, np.random.default_rng(0)
+    visits = draw_visits(scenario, [2, 0, 1], 200, limit_powers(scenario)[:, 0], rng)
+    visits = visits._replace(places=visits.places + 100 * rng.normal(size=visits.places.shape))
+    flights = fly_visits(grid, visits)
+    np.testing.assert_allclose(flights[:, :, -1], np.tile(scenario.goals, (200, 1, 1)))
+    moves = np.linalg.norm(np.diff(flights, axis=2), axis=-1) / grid.slot_duration
+    assert (moves < scenario.max_speeds[:, None] * (1 + 1e-9)).all()
+    assert np.median(moves / scenario.max_speeds[:, None]) > 0.9
 
 
 def test_weights_divide_the_rates_also_against_the_worst_case():

@@ -200,7 +200,7 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             hopped, tried, mu = generate_hops(
                 grid, x[number], rates[number], rng, driver.raise_if_over)
             new_x, new_rates = _advance_starts(
-                driver, grid, tried, mu, ((1.0, MULTISTART.hop_steps),), search.lowered)
+                driver, grid, tried, mu, ((1.0, hops.steps),), search.lowered)
             for start, new, rate in zip(number[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate

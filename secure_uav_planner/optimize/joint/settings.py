@@ -18,10 +18,12 @@ class Hops(NamedTuple):
     :param kept: largest number of starts at which the first round begins. It falls by 1 after a
         round in which the best rate does not rise; the rounds end when it is 0.
     :param rounds: largest number of rounds.
+    :param steps: Newton steps of each hop.
     """
 
     kept: int
     rounds: int
+    steps: int
 
 
 class Search(NamedTuple):
@@ -48,8 +50,8 @@ class Search(NamedTuple):
     polish_steps: int
     lowered: float
     finished: int
-    hops: Hops = Hops(kept=0, rounds=0)
-    full_hops: Hops = Hops(kept=0, rounds=0)
+    hops: Hops = Hops(kept=0, rounds=0, steps=0)
+    full_hops: Hops = Hops(kept=0, rounds=0, steps=0)
 
 
 class Beginning(NamedTuple):
@@ -115,7 +117,6 @@ class _Multistart(_Numbers):
     # Share, or units of rates, below the best up to which fly-hover-fly is finished.
     close: float = 0.02
     hops_at_once: int = 4  # Hops in a round.
-    hop_steps: int = 80  # Newton steps of each hop.
     hop_slots: int = 120  # The most slots of a full grid on which there are hops.
     # First barrier parameter on the full grid with several ground nodes, in shares of the rate.
     nodes_mu: float = 0.003
@@ -126,12 +127,13 @@ class _Multistart(_Numbers):
     many: int = 4  # Least number of UAVs that are many.
     # The search with one ground node and many UAVs.
     many_uavs: Search = single_node._replace(
-        ranking=((1.0, 20), (0.3, 17)), hops=Hops(kept=4, rounds=4))
+        ranking=((1.0, 20), (0.3, 17)), hops=Hops(kept=4, rounds=4, steps=80))
     # The search with several ground nodes.
     several_nodes: Search = Search(
         whole_slots=60, ranking=((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5,
         polish_mus=(0.03,), polish_steps=25, lowered=0.02, finished=3,
-        hops=Hops(kept=4, rounds=10), full_hops=Hops(kept=1, rounds=3))
+        hops=Hops(kept=4, rounds=10, steps=55),
+        full_hops=Hops(kept=1, rounds=3, steps=55))
     # Jamming levels of power control, in shares of limit_powers.
     levels: tuple[float, ...] = (1.0, 0.1, 0.01, 0.001)
     level_steps: int = 20  # Newton steps from each level on the coarse grid.
@@ -166,7 +168,7 @@ class _Starts(_Numbers):
     way_places: int = 128
     # Distances of these random places from the ground node, log-uniform [mean altitudes].
     way_distance: Range = (0.03, 4.0)
-    visiting: float = 0.75  # Ratio of numbers of starts with several ground nodes and with one.
+    visiting: float = 1.5  # Ratio of numbers of starts with several ground nodes and with one.
     # Barrier parameter of starts that visit ground nodes, in shares of their rates.
     visit_mu: float = 0.03
     # Least barrier parameter of starts that visit ground nodes: a node may have no rate.
@@ -219,7 +221,7 @@ class _VisitSearch(_Numbers):
     """Random changes of visits, before any Newton step."""
 
     drawn: int = 2  # Number of random visits for each start that is asked for.
-    changes: int = 60  # Changes that are tried for each random visit.
+    changes: int = 50  # Changes that are tried for each random visit.
     # Changes that are tried for each random visit while few starts serve all nodes.
     most_changes: int = 240
     served: float = 1e-3  # Estimate [bit/s/Hz] from which a start is taken to serve all nodes.

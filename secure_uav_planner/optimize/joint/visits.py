@@ -160,13 +160,28 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
         scenario.goals - scenario.starts, axis=-1) / total)
     offsets, kept = places - straight, np.ones(places.shape[:-1])
     for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
-        # |straight + s offset - end| = speed * time, solved for the kept share s of the offset.
-        away, reach = straight - end, speeds * time
-        square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
-        half = (away * offsets).sum(axis=-1) / square
-        rest = np.maximum(reach**2 - (away**2).sum(axis=-1), 0.0) / square
-        kept = np.minimum(kept, np.sqrt(half**2 + rest) - half)
+        kept = np.minimum(kept, _find_share(straight - end, offsets, speeds * time))
     return straight + kept[..., None] * offsets
+
+
+def _find_share(vectors: Array, offsets: Array, reach: Array) -> Array:
+    """
+    Return the largest share s (...) with |vector + s offset| <= reach.
+
+    :param vectors: vectors (..., 2) that are not longer than reach, (...).
+    :param offsets: offsets (..., 2).
+    """
+    square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
+    half = (vectors * offsets).sum(axis=-1) / square
+    rest = np.maximum(reach**2 - (vectors**2).sum(axis=-1), 0.0) / square
+    return np.asarray(np.sqrt(half**2 + rest) - half)
+
+
+def _move_towards(points: Array, targets: Array, lengths: Array) -> Array:
+    """Return points (..., 2) moved by at most some lengths (...) towards targets (..., 2)."""
+    offsets = targets - points
+    shares = np.minimum(1.0, lengths / np.maximum(_measure_lengths(offsets), 1e-9))
+    return np.asarray(points + shares[..., None] * offsets)
 
 
 def fly_visits(grid: Grid, visits: Visits) -> Array:
@@ -192,12 +207,14 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
         following = visits.places[start, np.minimum(visit + 1, ends.shape[1] - 1)]
         leaves = number / moves + _measure_lengths(following - point) / (2 * moves * steps) > (
             ends[start, visit][:, None])
-        offset = np.where(leaves[..., None], following, visits.places[start, visit]) - point
-        point = point + offset * np.minimum(
-            1.0, steps / np.maximum(_measure_lengths(offset), 1e-9))[..., None]
-        offset = point - scenario.goals  # The goal must stay in reach of the moves that are left.
-        point = scenario.goals + offset * np.minimum(
-            1.0, steps * (moves - number) / np.maximum(_measure_lengths(offset), 1e-9))[..., None]
+        target = np.where(leaves[..., None], following, visits.places[start, visit])
+        # The goal must stay in reach of the moves that are left. The nearest point from which it
+        # is may be more than a step away; a step on the straight way to the goal is not.
+        nearest = _move_towards(
+            scenario.goals, _move_towards(point, target, steps), steps * (moves - number))
+        straight = _move_towards(point, scenario.goals, steps)
+        share = np.minimum(1.0, _find_share(straight - point, nearest - straight, steps))
+        point = straight + share[..., None] * (nearest - straight)
         points.append(point)
     path = np.pad(np.stack(points, axis=2), ((0, 0), (0, 0), (width, width), (0, 0)), mode='edge')
     sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
