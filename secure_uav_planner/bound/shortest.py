@@ -126,7 +126,11 @@ class _Search:
         return max(self._deadline.time_left, _LEAST_TIME)
 
     def find_plan(self) -> Plan:
-        """Return the shortest flight, with `too_short` if that was proven."""
+        """
+        Return the shortest flight that was found to deliver the bits demanded.
+
+        Its `too_short` is a duration that is proven not to suffice, or None without a proof.
+        """
         status = run_to_end(self._narrow)
         if self.best is None:
             self._deadline.raise_if_over()

@@ -136,8 +136,8 @@ def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]
     Return the errors of UAVs that need more time, the slowest first.
 
     :param duration: duration of the mission in s.
-    :param slow: (UAV, duration in s that suffices); the duration is NaN if it is not known, and
-        None if no allowed duration suffices.
+    :param slow: (UAV, duration in s that suffices). The duration is None if no allowed duration
+        suffices. It is NaN for all UAVs if it is not known; their order is then kept.
     """
     order = sorted(slow, key=lambda item: -(math.inf if item[1] is None else item[1]))
     return [refuse_duration(duration, uav, shortest) for uav, shortest in order]

@@ -66,15 +66,15 @@ def _describe_time(flight: Any) -> str:
 
 
 def _describe_rates(comparison: Any) -> str:
-    """Return achieved rates beside planned rates, and the slots that broke."""
+    """Return flown beside planned rates, and promised slots with less than planned."""
     plan = comparison.plan
     rows = [('over covered slots', '', 'planned', 'flown')]
     rows += [(f'{plan.scenario.channel.rate_name(kind)}', 'bit/s/Hz',
               f'{comparison.rate(kind, True):.4f}', f'{comparison.rate(kind):.4f}')
              for kind in comparison.achieved]
     planned, flown = comparison.delivered(True), comparison.delivered()
-    rows += [(f'delivered in secret to {name}', 'bit/Hz', f'{before:.2f}', f'{after:.2f}')
-             for name, before, after in zip(
+    rows += [(f'delivered in secret to {name}', 'bit/Hz', f'{bits:.2f}', f'{flown_bits:.2f}')
+             for name, bits, flown_bits in zip(
                  plan.scenario.ground_node_names, planned, flown, strict=True)]
     text = align((10, 12, 12), rows, 40)
     broken, shortfalls = np.flatnonzero(comparison.broken), comparison.shortfalls

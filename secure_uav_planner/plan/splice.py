@@ -128,7 +128,7 @@ def _list_receivers(scenario: Scenario) -> list[GroundNode | Eavesdropper]:
 def _set_receivers(scenario: Scenario, source: Scenario, tracks: Sequence[Track | None]
                    ) -> Scenario:
     """
-    Return a scenario with the receivers of a source on new tracks.
+    Return `scenario` with the receivers of the scenario `source`, on new tracks.
 
     :param tracks: tracks of ground nodes, then of eavesdroppers. None keeps the source's receiver.
     """

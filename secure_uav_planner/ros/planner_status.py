@@ -192,7 +192,12 @@ def _key(entry: 'Field[Any]', prefix: str) -> str:
 
 
 def _list_values(group: Any, prefix: str) -> Iterator[tuple[str, object]]:
-    """Yield the key and the value of each field of a group that is sent."""
+    """
+    Yield the key and the value of each field of a group that the status message carries.
+
+    None, groups that equal their defaults, and fields of the whole status without metadata, such
+    as its level, are left out.
+    """
     for entry in fields(group):
         value, key = getattr(group, entry.name), _key(entry, prefix)
         if isinstance(value, dict):

@@ -168,7 +168,8 @@ public:
         add_potential(group, box, rho, parts[eavesdroppers_ + 1]);
     }
 
-    // The expansion of function k in a box.
+    // The expansion of function k in a box: the sum over ground node and eavesdroppers of factor
+    // times their expansions, plus the last one, which holds the terms without a factor.
     Expansion sum(std::size_t k, const Expansion* parts) const {
         Expansion f = parts[eavesdroppers_ + 1];
         for (std::size_t part = 0; part <= eavesdroppers_; ++part) {

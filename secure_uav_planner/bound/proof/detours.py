@@ -153,7 +153,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
         beside = min(uav.max_acceleration * scenario.slot_duration**2, 2 * step) / 8 + SMALLER
     low, size = _lay_grid(uav, step * (scenario.slots + 1) + 1.0)
     # A little larger, so that rounding puts no place outside its cell.
-    cells = _draw_cells(uav, low, size, beside + 1e-6 * size)
+    cells = _outline_cells(uav, low, size, beside + 1e-6 * size)
     hull = None if fence is None else shapely.Polygon(fence).convex_hull.buffer(
         SMALLER, join_style='mitre')
     lengths = bound_path_lengths(parts, hull, ends, cells) - saved[:, None]
@@ -172,8 +172,8 @@ def _lay_grid(uav: Uav, longest: float) -> tuple[Array, Array]:
     return [distance / 2, 0.0] - half, 2 * half / SIDE
 
 
-def _draw_cells(uav: Uav, low: Array, size: Array, wider: Array) -> Any:
-    """Return the outlines in m of a grid's cells, (SIDE^2,), each wider on every side."""
+def _outline_cells(uav: Uav, low: Array, size: Array, wider: Array) -> Any:
+    """Return a grid's cells, (SIDE^2,), as rectangles [m] that are wider on every side."""
     number = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing='ij'), -1)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (2 * corners - 1) * wider

@@ -84,7 +84,7 @@ class ReachableSet:
     def of(cls, scenario: Scenario, index: int, groups: SlotGroups,
            subset: EavesdropperSubset, detours: Detours | None) -> ReachableSet:
         """
-        Return the reachable set of UAV `index`, widened by all tolerances of a Plan.
+        Return the reachable set of UAV `index` in its own frame, widened by a Plan's tolerances.
 
         :param scenario: the mission.
         :param index: index of the UAV.
@@ -103,7 +103,8 @@ class ReachableSet:
         max_move_change, end_move_changes, end_moves = _limit_move_changes(scenario, index, step)
         moves = _find_longest_moves(
             scenario.slots, step, max_move_change, end_move_changes, end_moves)
-        # The factors 1 + 1e-12 cover rounding, since moves are differences of rounded coordinates.
+        # Longest ways from the start to each point, and from each point to the goal, (N+2,). The
+        # factors 1 + 1e-12 cover rounding, since moves are differences of rounded coordinates.
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
         frame = (receivers - start) @ axes.T / unit
@@ -141,12 +142,12 @@ class ReachableSet:
     @cached_property
     def bounding_box(self) -> tuple[Array, Array]:
         """
-        Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
+        Return the lower and the upper corner of a rectangle about each group's set, (G, 2) each.
 
-        If the circles cross between start and goal, the reachable set is widest in y there.
-        Otherwise it is as wide as the smaller disc. The crossing at x = a has the half width
-        sqrt(r1^2 - a^2). With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which
-        is added.
+        The set is the overlap of the disc about the start (0, 0) with radius r1 and the disc about
+        the goal (D, 0). If their circles cross between start and goal, at x = a, the set is widest
+        in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide as the smaller
+        disc. With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
         near, far, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()

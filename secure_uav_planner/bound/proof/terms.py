@@ -136,9 +136,9 @@ class Potential:
 
     def speed_cost(self) -> Array:
         """
-        Return the term step |u + change of w + S q| at the edge after every group, (G, 6).
+        Return the terms step |u + change of w + S q| of lemmas 2 and 8, as coefficients, (G, 6).
 
-        A row is (step, u + change of w, S_11, S_12, S_22). If all S are 0, the rows are zeros,
+        A row belongs to the edge after a group: (step, u + change of w, S_11, S_12, S_22). If all S are 0, the rows are zeros,
         because the term is then part of `constant`.
         """
         cost = np.concatenate(

@@ -208,7 +208,12 @@ class Dual:
             terms.add_linear(0, uav, part, region.end_moves[0])
 
     def _add_accelerations(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
-        """Add A |w| at each edge by its weight; at the goal (A_{N+1} - A)+ |w| - w . d_{N+1}."""
+        """
+        Add the terms of a limit A of acceleration, with the potential w; see lemma 8.
+
+        A term is A |w| times the weight of each edge. The goal has (A_{N+1} - A)+ |w| - w . d_{N+1}
+        in addition, where d_{N+1} is the move after the goal.
+        """
         region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
         excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)

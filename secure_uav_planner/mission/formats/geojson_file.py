@@ -184,7 +184,7 @@ def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> An
 
 
 def _check_properties(properties: Mapping[str, Any]) -> None:
-    """Refuse properties that a zone cannot keep, also in nested blocks."""
+    """Refuse names of times, or of heights that may be above sea level, also in nested blocks."""
     for name, value in properties.items():
         if isinstance(value, Mapping):
             _check_properties(value)

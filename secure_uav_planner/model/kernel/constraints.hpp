@@ -114,8 +114,9 @@ public:
     }
 
     // Add the limits' primal-dual curvature in x to the band: for a linear slack c with a dual it
-    // is dual / c times the outer product of the gradient of c. Average powers and energies also
-    // couple all slots; mean_ratio and fill_energy_rows have this curvature.
+    // is dual / c times the outer product of the gradient of c. An energy adds its Hessian times its
+    // dual. The outer products of average powers and energies couple all slots, and are in
+    // mean_ratio and fill_energy_rows.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {

@@ -20,13 +20,13 @@ struct PowerTerms {
         return blade_slope * s + induced / std::sqrt(std::sqrt(1.0 + r * r) + r)
             + drag * s * std::sqrt(s);
     }
-    // The first derivative by s.
+    // The first derivative of the power by s, the square of a move's length.
     double first(double s) const {
         const double r = induced_slope * s, root = std::sqrt(1.0 + r * r);
         return blade_slope - 0.5 * induced * induced_slope / (root * std::sqrt(root + r))
             + 1.5 * drag * std::sqrt(s);
     }
-    // The second derivative times s.
+    // The second derivative of the power by s, times s.
     double second(double s) const {
         const double r = induced_slope * s, square = 1.0 + r * r, root = std::sqrt(square);
         return induced * induced_slope * r / std::sqrt(root + r)

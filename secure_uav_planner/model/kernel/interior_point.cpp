@@ -44,12 +44,14 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
             copy_reals(args, "radii", entries)};
 }
 
-// Copy the places that represent the eavesdroppers' discs, with the names in core.pyi.
+// Copy core.pyi's `places`, which stand for discs: for each slot and place, whether the place moves
+// along with the UAVs, its offset from the disc's centre, and the disc's radius. Each place is an
+// eavesdropper of the problem.
 kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) {
-    const std::size_t count = problem.eavesdroppers();
-    return {copy_flags(args, "moves_along", problem.slots * count),
-            copy_reals(args, "offsets", problem.slots * count * 2),
-            copy_reals(args, "radii", problem.slots * count)};
+    const std::size_t places = problem.eavesdroppers();
+    return {copy_flags(args, "moves_along", problem.slots * places),
+            copy_reals(args, "offsets", problem.slots * places * 2),
+            copy_reals(args, "radii", problem.slots * places)};
 }
 
 // Copy the barrier problem of Python's arguments; core.pyi lists these.

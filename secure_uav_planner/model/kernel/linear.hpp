@@ -371,8 +371,10 @@ private:
             }
     }
 
-    // Make a slot's block positive semidefinite, and add to the band the change of the block that
-    // is left after eliminating the shares.
+    // Add to the band what makes a slot's block positive semidefinite. find_modification replaces
+    // its argument by the matrix to add. Without shares this goes to the band. With shares it is
+    // added to the block, the shares are eliminated again, and the change of the reduced block goes
+    // to the band.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];

@@ -52,9 +52,9 @@ public:
         return *std::min_element(means.begin(), means.end()) / double(p_.slots);
     }
 
-    // Fill `here` with the receptions and node rates at an x. Return the objective: the sum over
-    // the slots of leak minus rate for one node, and N times minus the smoothed least mean for
-    // several. Leaks are smoothed if they are the largest of several rates.
+    // Fill `here` with the receptions and node rates at an x. Return the objective: for one node
+    // the sum over the slots of (leak - rate), and for several nodes -N times the smoothed least of
+    // their mean rates over weight. A leak that is the largest of several rates is smoothed.
     double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
@@ -77,8 +77,8 @@ public:
                     (at[k].rate() - node_leaks_[leak_of(k)]) / p_.receivers.weights[k];
         }
         if (several_) return nodes.evaluate(shares, mu, here);
-        // A leak without an epigraph variable has no term mu, which is added here for each slot.
-        // So values with one eavesdropper and with several are comparable.
+        // A smoothed leak is larger by terms that include mu. A leak that is not smoothed gets mu
+        // for each slot, so that both kinds of values are comparable.
         return sum.total(mu, here.leak_slacks.empty() ? mu * double(p_.slots) : 0.0);
     }
 

@@ -190,23 +190,25 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
     """
     Return starts (S, N, U, 3) and rates (S,) after hops, changed in place; see Hops.
 
-    A hop changes a start at random, takes Newton steps, and is kept if it raises the rate.
+    A round hops from the best distinct starts in turn. A hop changes a start at random, takes
+    Newton steps, and replaces the start if its rate is higher.
     """
-    rng, kept = np.random.default_rng(6), hops.kept
+    rng, most_starts = np.random.default_rng(6), hops.starts
     with suppress(*_FAILURES):
         for _ in range(hops.rounds):
             best = rates.max()
-            number = np.resize(select_best(rates, search.gap, kept), MULTISTART.hops_at_once)
+            chosen = select_best(rates, search.gap, most_starts)
+            chosen = np.resize(chosen, MULTISTART.hops_at_once)
             hopped, tried, mu = generate_hops(
-                grid, x[number], rates[number], rng, driver.raise_if_over)
+                grid, x[chosen], rates[chosen], rng, driver.raise_if_over)
             new_x, new_rates = _advance_starts(
                 driver, grid, tried, mu, ((1.0, hops.steps),), search.lowered)
-            for start, new, rate in zip(number[hopped], new_x, new_rates):
+            for start, new, rate in zip(chosen[hopped], new_x, new_rates):
                 if rate > rates[start]:
                     x[start], rates[start] = new, rate
             if rates.max() < (1 + MULTISTART.distinct) * best:
-                kept -= 1
-            if not kept:
+                most_starts -= 1
+            if not most_starts:
                 break
     return x, rates
 

@@ -15,13 +15,13 @@ class Hops(NamedTuple):
     """
     Rounds of hops; each round begins at the best starts.
 
-    :param kept: largest number of starts at which the first round begins. It falls by 1 after a
-        round in which the best rate does not rise; the rounds end when it is 0.
+    :param starts: largest number of starts at which the first round begins. It falls by 1 after a
+        round in which the best rate rises by less than `distinct`; the rounds end when it is 0.
     :param rounds: largest number of rounds.
     :param steps: Newton steps of each hop.
     """
 
-    kept: int
+    starts: int
     rounds: int
     steps: int
 
@@ -50,8 +50,8 @@ class Search(NamedTuple):
     polish_steps: int
     lowered: float
     finished: int
-    hops: Hops = Hops(kept=0, rounds=0, steps=0)
-    full_hops: Hops = Hops(kept=0, rounds=0, steps=0)
+    hops: Hops = Hops(starts=0, rounds=0, steps=0)
+    full_hops: Hops = Hops(starts=0, rounds=0, steps=0)
 
 
 class Beginning(NamedTuple):
@@ -127,13 +127,13 @@ class _Multistart(_Numbers):
     many: int = 4  # Least number of UAVs that are many.
     # The search with one ground node and many UAVs.
     many_uavs: Search = single_node._replace(
-        ranking=((1.0, 20), (0.3, 17)), hops=Hops(kept=4, rounds=4, steps=80))
+        ranking=((1.0, 20), (0.3, 17)), hops=Hops(starts=4, rounds=4, steps=80))
     # The search with several ground nodes.
     several_nodes: Search = Search(
         whole_slots=60, ranking=((1.0, 12), (0.4, 10), (0.2, 12)), gap=0.5,
         polish_mus=(0.03,), polish_steps=25, lowered=0.02, finished=3,
-        hops=Hops(kept=4, rounds=10, steps=55),
-        full_hops=Hops(kept=1, rounds=3, steps=55))
+        hops=Hops(starts=4, rounds=10, steps=55),
+        full_hops=Hops(starts=1, rounds=3, steps=55))
     # Jamming levels of power control, in shares of limit_powers.
     levels: tuple[float, ...] = (1.0, 0.1, 0.01, 0.001)
     level_steps: int = 20  # Newton steps from each level on the coarse grid.

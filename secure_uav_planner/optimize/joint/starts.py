@@ -185,17 +185,20 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
     """
     Yield two batches of starts through random hovering places, (S, N, U, 3), and their mu (S,).
 
-    Around obstacles, the first batch also tries other routes to the first hovering places. If
-    fewer flights than starts are found, several starts share a flight and differ in their powers.
+    With zones, a fence or a separation, the first batch also tries the first hovering places with
+    other routes, or with UAVs that pass each other on the other side. If fewer flights than starts
+    are found, several starts share a flight and differ in their powers.
     """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
     if not grid.airspace.is_open:
         places = problem.find_free_places(places[:STARTS.places], raise_if_over)
         alternatives = list(_list_alternatives(problem, places[0]))[:STARTS.alternatives]
-    # Each start has hovering places, routes (None for the shortest), and the side of meeting UAVs.
+    # A start has hovering places, routes (None for the shortest), and whether UAVs that meet pass
+    # each other on the opposite side.
     shortest = [(place, None, False) for place in places]
-    first = shortest[:STARTS.first_batch] + [(places[0], *routes) for routes in alternatives]
+    first = shortest[:STARTS.first_batch] + [
+        (places[0], *alternative) for alternative in alternatives]
     rng = np.random.default_rng(1)
     flights: list[tuple[Array, Array]] = []
     for batch, size in ((first, len(first)),

@@ -274,7 +274,7 @@ class SecurePlanner:
         return self._services[service]
 
     def _check_names(self, until: float) -> None:
-        """Raise a ClientError if the planner plans for other UAVs than the scenario."""
+        """Raise a ClientError if the planner lacks a UAV of the scenario."""
         self._wait(lambda: self.status.state, until,
                    lambda: 'the status of the planner did not come')
         members = {topic.partition('/')[0] for topic in self.status.pose_age}

@@ -156,7 +156,8 @@ class Planner(WorkingNode):
         End the promise of a plan that waits, because the clock jumped.
 
         Its receivers are predicted for times of the clock before the jump. A flight that is under
-        way becomes early or late, and so its promise ends by itself.
+        way becomes early or late, and so its promise ends by itself. A request that waits for an
+        answer is marked, and the followers' reports are forgotten if the clock was set back.
         """
         self._call.has_jumped = True
         plan = self._state.plan
