@@ -138,8 +138,8 @@ class Potential:
         """
         Return the terms step |u + change of w + S q| of lemmas 2 and 8, as coefficients, (G, 6).
 
-        A row belongs to the edge after a group: (step, u + change of w, S_11, S_12, S_22). If all S are 0, the rows are zeros,
-        because the term is then part of `constant`.
+        A row belongs to the edge after a group: (step, u + change of w, S_11, S_12, S_22). If all
+        S are 0, the rows are zeros, because the term is then part of `constant`.
         """
         cost = np.concatenate(
             [self.region.steps[:, None], self.move_slopes[1], self.curvature[1:]], axis=1)
