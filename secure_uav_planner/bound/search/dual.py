@@ -211,8 +211,8 @@ class Dual:
         """
         Add the terms of a limit A of acceleration, with the potential w; see lemma 8.
 
-        A term is A |w| times the weight of each edge. The goal has (A_{N+1} - A)+ |w| - w . d_{N+1}
-        in addition, where d_{N+1} is the move after the goal.
+        An edge has A |w| times its weight. The goal has (A_{N+1} - A)+ |w| - w . d_{N+1} in
+        addition, where d_{N+1} is the move after the goal.
         """
         region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
