@@ -160,13 +160,13 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
         scenario.goals - scenario.starts, axis=-1) / total)
     offsets, kept = places - straight, np.ones(places.shape[:-1])
     for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
-        kept = np.minimum(kept, _find_share(straight - end, offsets, speeds * time))
+        kept = np.minimum(kept, _find_scale(straight - end, offsets, speeds * time))
     return straight + kept[..., None] * offsets
 
 
-def _find_share(vectors: Array, offsets: Array, reach: Array) -> Array:
+def _find_scale(vectors: Array, offsets: Array, reach: Array) -> Array:
     """
-    Return the largest share s (...) with |vector + s offset| <= reach.
+    Return the largest scale s (...) with |vector + s offset| <= reach.
 
     :param vectors: vectors (..., 2) that are not longer than reach, (...).
     :param offsets: offsets (..., 2).
@@ -180,8 +180,8 @@ def _find_share(vectors: Array, offsets: Array, reach: Array) -> Array:
 def _move_towards(points: Array, targets: Array, lengths: Array) -> Array:
     """Return points (..., 2) moved by at most some lengths (...) towards targets (..., 2)."""
     offsets = targets - points
-    shares = np.minimum(1.0, lengths / np.maximum(_measure_lengths(offsets), 1e-9))
-    return np.asarray(points + shares[..., None] * offsets)
+    scales = np.minimum(1.0, lengths / np.maximum(_measure_lengths(offsets), 1e-9))
+    return np.asarray(points + scales[..., None] * offsets)
 
 
 def fly_visits(grid: Grid, visits: Visits) -> Array:
@@ -213,8 +213,8 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
         nearest = _move_towards(
             scenario.goals, _move_towards(point, target, steps), steps * (moves - number))
         straight = _move_towards(point, scenario.goals, steps)
-        share = np.minimum(1.0, _find_share(straight - point, nearest - straight, steps))
-        point = straight + share[..., None] * (nearest - straight)
+        scale = np.minimum(1.0, _find_scale(straight - point, nearest - straight, steps))
+        point = straight + scale[..., None] * (nearest - straight)
         points.append(point)
     path = np.pad(np.stack(points, axis=2), ((0, 0), (0, 0), (width, width), (0, 0)), mode='edge')
     sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
