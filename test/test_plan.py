@@ -321,6 +321,17 @@ def test_the_text_of_a_promise_says_until_when_its_receivers_are_predicted(plan)
         '50 of 102 slots promised, until 50.0 s as far as receivers are predicted')
 
 
+def test_a_plan_whose_slots_are_all_promised_promises_its_rates_to_the_last_digit():
+    nodes = tuple(GroundNode(place) for place in ((0.0, 0.0), (80.0, 0.0), (0.0, 90.0)))
+    plan = fly_hover_fly(replace(Scenario.paper(102), ground_nodes=nodes))
+    for seed in range(20):
+        powers = plan.powers * np.random.default_rng(seed).uniform(0, 1, plan.powers.shape)
+        drawn = replace(plan, powers=powers)
+        for rate in ('guaranteed_rate', 'worst_case_rate', 'curve_rate', 'rate'):
+            assert getattr(drawn.promise, rate) == getattr(drawn, rate)
+        assert (drawn.promise.node_rates == drawn.node_rates).all()
+
+
 def test_a_plan_without_a_promised_slot_has_no_mean_rate(plan, tmp_path):
     plan = replace(plan, promised_until=0.6)
     assert math.isnan(plan.promise.guaranteed_rate) and math.isnan(plan.promise.node_rates[0])

@@ -37,6 +37,16 @@ def rate_text(rate: float, digits: int = 4) -> str:
     return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
 
 
+def _select_slots(rates: Array, mask: Mask) -> Array:
+    """
+    Return the columns of rates (G, N) that a mask (N,) selects.
+
+    Without a copy if all slots are promised: rates[:, mask] has another memory order than rates,
+    in which NumPy's means of rows differ in their last digits from the means of the plan.
+    """
+    return rates if mask.all() else np.compress(mask, rates, axis=1)
+
+
 class _PromisedRate:
     """The property of a Promise that is the least mean over weight of rates of its slots."""
 
@@ -48,7 +58,7 @@ class _PromisedRate:
             return math.nan
         rates: Array = getattr(promise.plan, self._shares)
         return find_least_rate(
-            promise.plan.scenario, rates[:, promise.mask].mean(axis=1))
+            promise.plan.scenario, _select_slots(rates, promise.mask).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +97,7 @@ class Promise:
     @property
     def node_rates(self) -> Array:
         """Mean rate of each ground node in the promised slots, (G,); NaN without any."""
-        rates = self.plan.node_shares[:, self.mask]
+        rates = _select_slots(self.plan.node_shares, self.mask)
         return rates.mean(axis=1) if self.slots else np.full(len(rates), math.nan)
 
     @property
