@@ -32,24 +32,26 @@ public:
         return sums;
     }
 
-    // Find the nodes' slacks mean - eta, and return -N max over eta of (eta + mu sum log(slack /
-    // mu)), minus N times the smoothed least mean. A node's mean is (offset + mean over the slots
-    // of share (rate - leak)) / weight; node_rates are (rate - leak) / weight. `shares` are (N, G).
+    // Return -N times the smoothed least mean, max over eta of eta + mu sum log((mean - eta) / mu).
+    // Set here.node_slacks to mean - eta of each node at the best eta. The mean of a node is
+    // (offset + mean over the slots of share (rate - leak)) / weight, and here.node_rates, (N, G),
+    // are (rate - leak) / weight. `shares` are (N, G).
     double evaluate(const double* shares, double mu, Evaluation& here) const {
         Reals& slacks = here.node_slacks;
         slacks = sum_offsets();
         for (std::size_t i = 0; i < slots_ * nodes_; i += nodes_)
             for (int k = 0; k < nodes_; ++k) slacks[k] += shares[i + k] * here.node_rates[i + k];
+        // Minus the means, because solve_epigraph smooths the largest value.
         for (double& slack : slacks) slack /= -double(slots_);
         LogSum gaps;
-        const double largest = solve_epigraph(slacks.data(), nodes_, mu, gaps);
-        return double(slots_) * (largest - mu * gaps.total());
+        const double minus_eta = solve_epigraph(slacks.data(), nodes_, mu, gaps);
+        return double(slots_) * (minus_eta - mu * gaps.total());
     }
 
-    // Find the shares, (N, G), that minimise the barrier function for the rates of an evaluation.
+    // Find the shares, (N, G), that minimise the barrier function for the rates here.node_rates.
     // In the dual problem each node has a price, and the prices add up to 1. For given prices,
     // `share_slot` finds the shares of each slot alone. Newton's method finds the prices, while the
-    // barrier parameter `level` falls to mu.
+    // barrier parameter `level` falls to mu, by the factor SHARES_MU_FACTOR.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
         const int G = nodes_, H = G + 1;
         const Reals offsets = sum_offsets();

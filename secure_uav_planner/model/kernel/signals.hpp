@@ -27,9 +27,10 @@ public:
           receivers_(problem.receivers.count), signals_(problem.uavs),
           space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
 
-    // Find the K receptions in slot n; return the first. `x` (N, U, 3) has power and place of each
-    // UAV; UAV 0 transmits. Interference includes the noise, which is 1. The kink of a jammer's
-    // distance d at 0 is softened: d becomes sqrt(d^2 + soft), which lowers the secrecy rate.
+    // Fill the K receptions in slot n of here.receptions, with the distances; return the first one.
+    // `x` (N, U, 3) has power and place of each UAV; UAV 0 transmits. Interference includes the
+    // noise, which is 1. `soft`, the square of a length, rounds kinks at distance 0, as
+    // find_guaranteed_distance says.
     const Reception* receive(const double* x, std::size_t n, double soft,
                              Evaluation& here) const {
         for (int k = 0; k < receivers_; ++k) {
@@ -118,8 +119,8 @@ private:
     // Set `squared` to the guarantee's squared distance ([d + edge]^+)^2, and `distance` to d, the
     // horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot n. `edge` is -radius of
     // the eavesdropper's disc for the transmitter (nearest place) and +radius for a jammer
-    // (farthest place). A jammer has distance = sqrt(d^2 + soft), which has no kink at d = 0. With
-    // edge 0, `distance` is 0. A gain that itself has a kink at d = 0 has soft added to `squared`.
+    // (farthest place). For a jammer d is replaced by sqrt(d^2 + soft), which has no kink at d = 0.
+    // With edge 0, `distance` is 0. If the gain has a kink at d = 0, soft is added to `squared`.
     void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
                                   double& distance, double& squared) const {
         const double* at = position(n, k);
@@ -135,8 +136,9 @@ private:
         if constexpr (Model::KINKED) squared += soft;
     }
 
-    // Find UAV u's signal at receiver k in slot n: offset, power, gain, and the gain's derivatives
-    // by the UAV's position. The gain is a function of s = ([d + edge]^+)^2 and s of d^2.
+    // Return UAV u's signal at receiver k in slot n: offset (dx, dy) from the receiver, power and
+    // gain. By the UAV's position the gain has the gradient slope (dx, dy), and the Hessian
+    // slope I + curvature (dx, dy) (dx, dy)^T. It is a function of s = ([d + edge]^+)^2, s of d^2.
     Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
         const std::size_t i = (n * receivers_ + k) * uavs() + u;
         const double* x = iterate.x + (n * uavs() + u) * 3;
