@@ -22,6 +22,7 @@ inline void expect(bool valid, const char* name) {
 template <typename T>
 class Array {
 public:
+    // Throw unless the buffer is contiguous, of type T, and writable if T is not const.
     Array(const py::buffer& buffer, const char* name)
         : info_(buffer.request(!std::is_const_v<T>)) {
         using Number = std::remove_const_t<T>;

@@ -138,8 +138,8 @@ public:
     }
     // Fill U of the R dense rows with the gradients of the energies by x, and U ratios. `rows` has
     // R numbers for each variable. The energy of UAV u adds row row^T / ratio to the Hessian, where
-    // ratio is slack / dual. An energy with a price (`over`) has a row of 0. Call add_gradient
-    // before: it finds the gradients.
+    // ratio is slack / dual. An energy with a price (`over`) has a row of 0. Uses the gradients
+    // of the last add_gradient.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)
@@ -281,8 +281,8 @@ public:
                 iterate.duals[l][i] += length * dual_changes_[l][i];
     }
 
-    // Keep the duals within a factor DUAL_RANGE of their central values barrier_weight / slack.
-    // Prices stay.
+    // Keep the duals within a factor DUAL_RANGE of their central values weight / slack. Prices
+    // stay.
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {
@@ -331,9 +331,8 @@ private:
         return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
     }
 
-    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add to
-    // value_without_lines the barrier term of each energy, or price * energy for one with a price
-    // (`over`).
+    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add barrier
+    // terms to value_without_lines, but price * energy for an energy with a price (`over`).
     void evaluate_energies(const Iterate& iterate, double mu, Evaluation& here) const {
         Reals& slacks = here.slacks[energies_].values;
         p_.energies->compute_energies(path_.data(), slacks);

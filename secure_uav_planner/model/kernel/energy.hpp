@@ -27,7 +27,7 @@ struct PowerTerms {
             + 1.5 * drag * std::sqrt(s);
     }
     // s times the second derivative of the power by s, the square of a move's length; finite at 0.
-    double second_times_s(double s) const {
+    double scaled_second(double s) const {
         const double r = induced_slope * s, square = 1.0 + r * r, root = std::sqrt(square);
         return induced * induced_slope * r / std::sqrt(root + r)
             * (0.25 / square + 0.5 * r / (square * root)) + 0.75 * drag * std::sqrt(s);
@@ -70,8 +70,8 @@ public:
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const PowerTerms& terms = terms_[uav];
             const double s = dot(move, move), weight = weights_[i] * prices[uav];
-            const double slope = 2.0 * terms.first(s), across = std::max(0.0, slope);
-            const double along = std::max(0.0, slope + 4.0 * terms.second_times_s(s));
+            const double across = std::max(0.0, 2.0 * terms.first(s));
+            const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.scaled_second(s));
             const double excess = s > 0.0 ? weight * (along - across) / s : 0.0;
             moves_.add_curvature(i, weight * across + excess * move.x * move.x,
                                  excess * move.x * move.y,

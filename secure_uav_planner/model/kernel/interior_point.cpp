@@ -45,8 +45,7 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
 }
 
 // Copy core.pyi's `places`: for each slot and place, whether the place moves along with the UAVs,
-// its offset from the disc's centre, and the disc's radius. Each place is an eavesdropper of the
-// problem.
+// the offset from the disc's centre, and the disc's radius. Each place is an eavesdropper.
 kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t places = problem.eavesdroppers();
     return {copy_flags(args, "moves_along", problem.slots * places),
@@ -144,8 +143,7 @@ public:
             rate[s] = worker(0).evaluate_rate(iterates_[s]);
     }
 
-    // Fill the barrier function and its gradient, and the objective's Hessian, for each start: for
-    // tests.
+    // Fill each start's barrier function and gradient, and the objective's Hessian: for tests.
     void evaluate(const py::buffer& values, const py::buffer& gradients,
                   const py::buffer& hessians) {
         const std::size_t row = 3 * problem_.uavs + problem_.nodes() - 1;

@@ -43,9 +43,9 @@ std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     }
 }
 
-// Eliminate row k of a symmetric matrix from the rows below. Return -pivot, the shift that makes the
-// pivot 0, if the pivot is negative, otherwise 0. The matrix's column k becomes column k of L, from
-// row k on, where it is 1.
+// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes a negative
+// pivot 0, -pivot, and 0 for other pivots. Column k of the matrix becomes, from row k on, column k
+// of L, whose entry k is 1.
 double eliminate_row(double* matrix, int size, int k) {
     double* upper = matrix + k * size;
     const double pivot = upper[k];
@@ -142,8 +142,8 @@ void find_modification(double* matrix, int size, double* space) {
                 sum[i * size + j];
 }
 
-// Solve matrix x = right by Gaussian elimination with row pivots; x replaces the right side, and the
-// matrix (size, size) is overwritten. Return false if the matrix is singular.
+// Solve matrix x = right by Gaussian elimination with row pivots; x replaces the right side. The
+// matrix, (size, size), is overwritten. Return false if the matrix is singular.
 bool solve_dense(double* matrix, double* right, int size) {
     for (int i = 0; i < size; ++i) {
         int pivot = i;

@@ -444,9 +444,9 @@ private:
         return false;
     }
 
-    // Call a function with the bandwidth as a compile-time constant if it is one of three, otherwise
-    // with 0. Points are coupled with the next point (V + 1), with the next two points (2 V + 1), or
-    // with the next points of all UAVs, by separation (2 V - 2).
+    // Call a function with the bandwidth as a compile-time constant if it is one of three, and with
+    // 0 for any other. V + 1 couples a point with the next one, 2 V + 1 with the next two, and
+    // 2 V - 2 with the next ones of all UAVs, by separation.
     template <typename Function>
     auto with_bandwidth(Function function) {
         constexpr int V = 3 * UAVS;

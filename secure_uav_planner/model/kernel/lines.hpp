@@ -34,8 +34,7 @@ public:
     bool has_lines() const override { return true; }
 
     // Choose a line for each piece of the curves on a path, (M, U, 2), which separates the piece
-    // from what it must clear. lines.lines, (M, G, K), repeats a piece's line for all K control
-    // points.
+    // from what it must clear. lines.lines, (M, G, K), has a piece's line K times.
     void choose_lines(const double* path, LineSet& lines) const override {
         std::vector<Point> points;
         vectors().compute_vectors(path, false, points);

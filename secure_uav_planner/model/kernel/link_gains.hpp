@@ -77,7 +77,8 @@ public:
     };
 
     // `snr`, `squared_altitudes` (H^2), `losses` (kappa), `steepness` and `shift`, one for each
-    // link. A link that always has a line of sight has kappa = 1.
+    // link. A link that always has a line of sight has kappa = 1. `quantile`: whether M is the
+    // smoothed quantile and not the mean.
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
              std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
              double exponent, bool quantile)
@@ -113,7 +114,8 @@ public:
         return {value, value * first, value * (second + first * first)};
     }
 
-    // Bound the derivatives of log gain between two distances; infinite if a kink is between them.
+    // Bound the sizes of the first three derivatives of log gain along any line on the ground,
+    // between the horizontal distances `near` and `far`; infinite if near = 0 and M varies.
     //
     // Along a line, with D = d^2 + H^2 and the cosine c between line and offset, (log D)' =
     // 2 d c / D, |(log D)''| <= 2 / D and |(log D)'''| <= 4 / D^(3/2). Of theta = arctan(H / d),
@@ -164,7 +166,8 @@ private:
         return 1.0 / (1.0 + std::exp(-z(link, squared)));
     }
 
-    // Return M at a squared distance, with the derivatives of log M by z.
+    // Return M at a squared distance, with the first two derivatives of log M by z. The mean is
+    // M = kappa + (1 - kappa) P, the quantile is M = kappa^(1 - S).
     Sight sight(std::size_t link, double squared) const {
         const double loss = losses_[link];
         if (quantile_) {
@@ -181,16 +184,17 @@ private:
         return {factor, first, first * (1.0 - 2.0 * likely - first)};
     }
 
-    // Bounds of the derivatives of log M by z between two distances. P' = P (1 - P), and no
-    // further derivative of P is larger.
+    // Bound the first three derivatives of log M by z between two distances, for the mean M =
+    // kappa + (1 - kappa) P. P' = P (1 - P), and no further derivative of P is larger.
     LogBounds bound_mean(std::size_t link, double near, double far) const {
         const double loss = losses_[link];
         const double most = probability(link, near * near);
         const double least = probability(link, far * far);
-        const double share = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
-        return {share, share * (1.0 + share), share * (1.0 + share * (3.0 + 2.0 * share))};
+        const double first = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
+        return {first, first * (1.0 + first), first * (1.0 + first * (3.0 + 2.0 * first))};
     }
 
+    // Bound the first three derivatives of log M by z between two distances, for M = kappa^(1 - S).
     // The derivatives of S are polynomials: each is largest at an end or where the next one is 0.
     LogBounds bound_quantile(std::size_t link, double near, double far) const {
         const double low = std::max(z(link, far * far), 0.0);

@@ -119,8 +119,7 @@ public:
         return rates_.compute_least_mean(iterate);
     }
 
-    // Return the barrier function, and fill its `gradient`: for tests. `hessian` gets only the
-    // objective's part.
+    // Return the barrier function and fill its gradient, for tests. `hessian` is the objective's.
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
@@ -224,7 +223,6 @@ std::unique_ptr<Newton> make_newton_for(const BarrierProblem& problem) {
 
 }  // namespace
 
-// Channel models with a line here have Newtons of their own; others are called virtually.
 std::unique_ptr<Newton> make_newton(const BarrierProblem& problem) {
     const LinkGains* gains = problem.gains.get();
     if (dynamic_cast<const FreeSpace*>(gains)) return make_newton_for<FreeSpace>(problem);

@@ -27,10 +27,9 @@ public:
           receivers_(problem.receivers.count), signals_(problem.uavs),
           space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
 
-    // Fill the K receptions in slot n of here.receptions, with the distances; return the first one.
+    // Fill the K receptions in slot n of `here`, and their distances; return the first reception.
     // `x` (N, U, 3) has power and place of each UAV; UAV 0 transmits. Interference includes the
-    // noise, which is 1. `soft`, the square of a length, rounds kinks at distance 0, as
-    // find_guaranteed_distance says.
+    // noise, which is 1. `soft` rounds kinks at distance 0; see find_guaranteed_distance.
     const Reception* receive(const double* x, std::size_t n, double soft,
                              Evaluation& here) const {
         for (int k = 0; k < receivers_; ++k) {
