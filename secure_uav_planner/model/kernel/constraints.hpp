@@ -154,7 +154,7 @@ public:
         return iterate.duals.back()[i] / iterate.shares[i];
     }
 
-    // Find the derivatives of all slacks along a step, (N, U, 3) of x and behind it the shares.
+    // Set slopes_, the derivatives of all slacks along a step, (N, U, 3) of x and then the shares.
     void find_slopes(const double* step, const Evaluation& here) {
         p_.fill_path(step, path_, true);
         for (std::size_t l = 0; l < limits_; ++l)

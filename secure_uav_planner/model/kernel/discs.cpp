@@ -45,8 +45,9 @@ public:
         : discs_(discs), problem_(make_disc_problem(discs)), formula_bounds_(formula_bounds),
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
-    // Find leak(), an upper bound [bit/s/Hz] of the leak in the discs `begin` to `end` - 1 of a
-    // slot, and the incumbent, the place with the largest leak found. Return the number of sectors.
+    // Find leak(), an upper bound [bit/s/Hz] of the leak in a slot's discs `begin` to `end` - 1,
+    // and the incumbent, the place with the largest leak found. Return the number of sectors
+    // examined.
     std::int64_t search(std::size_t begin, std::size_t end) {
         incumbent_ = {INFINITE, 0.0, 0.0};
         active_.clear();

@@ -51,9 +51,8 @@ enum class LeakKind { single, largest, colluding };
 template <int UAVS>
 class Leak {
 public:
-    // The leak of what ground node `node` is sent. All hearers except this node have a rate in it.
-    // `begin` is the index of this leak's first slack in Evaluation::leak_slacks, which has the
-    // slacks of all leaks.
+    // The leak of what ground node `node` is sent, to all hearers except this node. `begin` is the
+    // index of this leak's first slack in Evaluation::leak_slacks, which all leaks share.
     Leak(const BarrierProblem& problem, int node, std::size_t begin)
         : slots_(problem.slots), begin_(begin), own_(find_own(problem, node)),
           eves_(problem.hearers() - (own_ < problem.hearers())), uavs_(problem.uavs),

@@ -86,11 +86,11 @@ private:
         for (std::size_t first = 0; first < shares.size(); first += p_.nodes()) {
             const double* from = iterate.shares + first;
             const double* changes = &constraints.share_slopes()[first];
-            double own = length;
-            for (int k = 0; k < p_.nodes(); ++k) limit_step(own, from[k], changes[k]);
+            double in_slot = length;
+            for (int k = 0; k < p_.nodes(); ++k) limit_step(in_slot, from[k], changes[k]);
             for (int k = 0; k < p_.nodes(); ++k) {
-                shares[first + k] = from[k] + own * changes[k];
-                if (k > 0) of_shares += own * changes[k] * gradient[i++];
+                shares[first + k] = from[k] + in_slot * changes[k];
+                if (k > 0) of_shares += in_slot * changes[k] * gradient[i++];
             }
         }
         return expected + of_shares;

@@ -320,8 +320,8 @@ private:
     }
 
     // Return the multiplier of each dense row, (R), by Woodbury's formula: the solution of
-    // (diag(ratios) + Y^T D^-1 Y) multipliers = Y^T D^-1 y, where y is the gradient's right side
-    // and Y (variables, R) the dense rows', after forward substitution. Null if it is singular.
+    // (diag(ratios) + Y^T D^-1 Y) multipliers = Y^T D^-1 y. The right sides of the gradient and of
+    // the dense rows are y and Y (variables, R) after forward substitution. Null if it is singular.
     template <int ROWS>
     const double* find_row_multipliers(const double* ratios) {
         const int R = row_count<ROWS>();
@@ -393,14 +393,13 @@ private:
         add_block(n, before.data());
     }
 
-    // Factor the band after making it positive definite with few changes; false if that fails or is
-    // stopped.
+    // Factor the band after making it positive definite with few changes; false if that fails.
     //
     // FIRST_SHIFT units are added to the diagonal. When the factorisation fails in a slot, the
     // blocks of this slot and its neighbours, at first one on each side, are made positive
     // semidefinite. If they are so already, or after ALL_SLOTS failures, this is done in all slots.
-    // Then only rounding can make the factorisation fail, because all limits' terms are convex, and
-    // the diagonal is raised by SHIFTS, one after the other.
+    // Then only rounding can make the factorisation fail, because all limits' terms are convex. If
+    // it does, the diagonal is raised by SHIFTS of its largest entry, one after the other.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;

@@ -171,12 +171,13 @@ private:
     Sight sight(std::size_t link, double squared) const {
         const double loss = losses_[link];
         if (quantile_) {
-            const double at = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - at;
-            const double scale = -std::log(loss), product = at * rest;
+            const double clamped = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - clamped;
+            const double scale = -std::log(loss), product = clamped * rest;
             // 1 - S by its own formula, which loses no digit where 1 - S is small.
-            const double missing = rest * rest * rest * (1.0 + 3.0 * at + 6.0 * at * at);
+            const double missing =
+                rest * rest * rest * (1.0 + 3.0 * clamped + 6.0 * clamped * clamped);
             return {std::exp(-scale * missing), scale * 30.0 * product * product,
-                    scale * 60.0 * product * (rest - at)};
+                    scale * 60.0 * product * (rest - clamped)};
         }
         const double likely = probability(link, squared);
         const double factor = loss + (1.0 - loss) * likely;

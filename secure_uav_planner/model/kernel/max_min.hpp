@@ -110,10 +110,10 @@ public:
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
                     const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;
-        double* own = &gradients_[n * nodes_ * V];
+        double* by_node = &gradients_[n * nodes_ * V];
         for (int k = 0; k < nodes_; ++k)
             for (int j = 0; j < V; ++j)
-                own[k * V + j] = (rates[k * V + j] - leaks[k * V + j]) / weights_[k];
+                by_node[k * V + j] = (rates[k * V + j] - leaks[k * V + j]) / weights_[k];
         std::fill(hessian, hessian + W * W, 0.0);
         for (int j = 0; j < V; ++j) std::copy_n(block + j * V, j + 1, hessian + j * W);
         const auto find_slope = [&](int k) {
@@ -124,7 +124,7 @@ public:
             gradient[k - 1] = find_slope(0) - find_slope(k);
             for (int j = 0; j < V; ++j)
                 hessian[(V + k - 1) * W + j] =
-                    iterate.node_duals[0] * own[j] - iterate.node_duals[k] * own[k * V + j];
+                    iterate.node_duals[0] * by_node[j] - iterate.node_duals[k] * by_node[k * V + j];
         }
     }
 

@@ -68,9 +68,9 @@ public:
                 continue;
             }
             for (std::size_t l = 0; l < leaks_.size(); ++l) {
-                RateSum own;
-                leaks_[l].add_leak(n, at + G, mu, here, own);
-                node_leaks_[l] = own.total(mu);
+                RateSum leak;
+                leaks_[l].add_leak(n, at + G, mu, here, leak);
+                node_leaks_[l] = leak.total(mu);
             }
             for (int k = 0; k < G; ++k)
                 here.node_rates[n * G + k] =
@@ -146,10 +146,10 @@ private:
 
     // Set for slot n the objective's derivatives by the K receivers' rates (by_rates_) and by the
     // leaks (by_leaks_), and the weights of the rates' and leaks' Hessians in the Newton matrix
-    // (rate_weights_, leak_weights_). With one ground node all four are -1 for its rate and 1 for
-    // the leak. With several, let c = share / weight of node k in the slot. Its rate has derivative
-    // -c mu / slack and weight -c dual (primal-dual method), its leak the same with a plus sign. By
-    // the chain rule, a hearer's rate has the leak's numbers times Leak::differentiate_by_rates.
+    // (rate_weights_, leak_weights_). With one ground node, derivative and weight are -1 for its
+    // rate and 1 for the leak. With several, node k has c = share / weight. Its rate then has the
+    // derivative -c mu / slack and the weight -c dual (primal-dual method), and its leak the same
+    // with a plus sign. A hearer's rate has the leak's numbers times Leak::differentiate_by_rates.
     void differentiate_by_rates(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
         std::fill(rate_weights_.begin(), rate_weights_.end(), 0.0);

@@ -36,11 +36,11 @@ public:
             Reception& reception = here.receptions[n * receivers_ + k];
             reception.interference = 1.0;
             for (int u = 0; u < uavs(); ++u) {
-                const double* at = x + (n * uavs() + u) * 3;
+                const double* uav = x + (n * uavs() + u) * 3;
                 const std::size_t i = (n * receivers_ + k) * uavs() + u;
                 find_guaranteed_distance(
-                    at, n, k, u, soft, here.distance[i], here.squared[i]);
-                const double power = gains_.gain(k * uavs() + u, here.squared[i]) * at[0];
+                    uav, n, k, u, soft, here.distance[i], here.squared[i]);
+                const double power = gains_.gain(k * uavs() + u, here.squared[i]) * uav[0];
                 if (u)
                     reception.interference += power;
                 else
@@ -122,8 +122,8 @@ private:
     // With edge 0, `distance` is 0. If the gain has a kink at d = 0, soft is added to `squared`.
     void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
                                   double& distance, double& squared) const {
-        const double* at = position(n, k);
-        const double dx = x[1] - at[0], dy = x[2] - at[1];
+        const double* place = position(n, k);
+        const double dx = x[1] - place[0], dy = x[2] - place[1];
         const double edge = this->edge(n, k, u);
         squared = dx * dx + dy * dy;
         distance = 0.0;
@@ -141,7 +141,7 @@ private:
     Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
         const std::size_t i = (n * receivers_ + k) * uavs() + u;
         const double* x = iterate.x + (n * uavs() + u) * 3;
-        const double* at = position(n, k);
+        const double* place = position(n, k);
         const double edge = this->edge(n, k, u);
         const Gain gain = gains_.derivatives(k * uavs() + u, iterate.evaluation.squared[i]);
         // The derivative of ([d + edge]^+)^2 by d^2, and minus twice its second derivative.
@@ -152,7 +152,7 @@ private:
             stretch = outside ? 1.0 + edge / distance : 0.0;
             curvature = outside ? edge / (distance * distance * distance) : 0.0;
         }
-        return {x[1] - at[0], x[2] - at[1], x[0], gain.value, 2.0 * gain.first * stretch,
+        return {x[1] - place[0], x[2] - place[1], x[0], gain.value, 2.0 * gain.first * stretch,
                 4.0 * gain.second * stretch * stretch - 2.0 * gain.first * curvature};
     }
 
