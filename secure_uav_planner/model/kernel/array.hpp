@@ -17,8 +17,7 @@ inline void expect(bool valid, const char* name) {
     if (!valid) throw std::invalid_argument(std::string("wrong array: ") + name);
 }
 
-// A contiguous array of Python's, which is kept alive with this object. T is const if the array is
-// only read.
+// A contiguous array of Python's, which lives as long as this object; read only if T is const.
 template <typename T>
 class Array {
 public:

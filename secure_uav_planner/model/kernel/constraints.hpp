@@ -76,8 +76,7 @@ public:
         evaluate_lines(mu, here);
     }
 
-    // Find the slacks of limits with lines on the path of the last evaluate, and the barrier
-    // function's value.
+    // Find slacks of limits with lines on the path of the last evaluate; set here.value.
     void evaluate_lines(double mu, Evaluation& here) const {
         LogSum sum;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -87,8 +86,7 @@ public:
     }
 
     // Add the gradient of all barrier terms by x, (N, U, 3), and behind it by the shares. A term
-    // -w log c has the gradient -(w / c) dc. An energy with a price (`over`) has the price in place
-    // of w / c.
+    // -w log c has the gradient -(w / c) dc. If an energy has a price (`over`), w / c is the price.
     void add_gradient(const Iterate& iterate, double mu, double* gradient) {
         const Evaluation& here = iterate.evaluation;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -138,8 +136,7 @@ public:
     }
     // Fill U of the R dense rows with the gradients of the energies by x, and U ratios. `rows` has
     // R numbers for each variable. The energy of UAV u adds row row^T / ratio to the Hessian, where
-    // ratio is slack / dual. An energy with a price (`over`) has a row of 0. Uses the gradients
-    // of the last add_gradient.
+    // ratio is slack / dual. With a price (`over`) the row is 0. Uses add_gradient's gradients.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)
@@ -207,8 +204,7 @@ public:
         return least;
     }
 
-    // Set the duals of slacks c to weight / c, their central values, and of energies with a price
-    // (`over`) to the price.
+    // Set duals to central values weight / slack. An energy with a price (`over`) gets the price.
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
@@ -281,8 +277,7 @@ public:
                 iterate.duals[l][i] += length * dual_changes_[l][i];
     }
 
-    // Keep the duals within a factor DUAL_RANGE of their central values weight / slack. Prices
-    // stay.
+    // Keep duals within a factor DUAL_RANGE of their central values weight / slack. Prices stay.
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {

@@ -46,28 +46,9 @@ public:
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
     // Find leak(), an upper bound [bit/s/Hz] of the leak in a slot's discs `begin` to `end` - 1,
-    // and the incumbent, the place with the largest leak found. Return the number of sectors
-    // examined.
+    // and the incumbent, the place with the largest leak found. Return how many sectors it took.
     std::int64_t search(std::size_t begin, std::size_t end) {
-        incumbent_ = {INFINITE, 0.0, 0.0};
-        active_.clear();
-        // Drop discs whose formula bound is at most the incumbent's leak plus the tolerance.
-        for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
-        for (const bool descend : {false, true}) {
-            for (const std::size_t disc : active_) {
-                problem_->select(disc);
-                update_incumbent(disc, descend ? problem_->find_local_minimum()
-                                               : problem_->evaluate_nearest());
-            }
-            const double accepted = find_leak(incumbent_.inverse_sinr) + tolerance_;
-            active_.erase(std::remove_if(active_.begin(), active_.end(), [&](std::size_t disc) {
-                return !(formula_bounds_[disc] > accepted);
-            }), active_.end());
-        }
-        double leak = 0.0;  // The largest formula bound of the dropped discs.
-        for (std::size_t disc = begin; disc < end; ++disc)
-            if (!std::binary_search(active_.begin(), active_.end(), disc))
-                leak = std::max(leak, formula_bounds_[disc]);
+        const double dropped = drop_discs(begin, end);
         // Branch and bound of the other discs, level by level; the first level has whole discs.
         level_.clear();
         for (const std::size_t disc : active_)
@@ -87,7 +68,7 @@ public:
             }
             level_.swap(next_level_);
         }
-        leak_ = std::max(leak, find_leak(std::min(proven, incumbent_.inverse_sinr)));
+        leak_ = std::max(dropped, find_leak(std::min(proven, incumbent_.inverse_sinr)));
         return examined;
     }
 
@@ -100,6 +81,31 @@ private:
         if (!(candidate.inverse_sinr < incumbent_.inverse_sinr)) return;
         incumbent_ = candidate;
         incumbent_disc_ = disc;
+    }
+
+    // Find the incumbent by one place of each disc, then by a local search. Set active_ to discs
+    // `begin` to `end` - 1, without discs whose formula bound is at most the incumbent's leak plus
+    // the tolerance. Return the largest formula bound [bit/s/Hz] of the discs left out, or 0.
+    double drop_discs(std::size_t begin, std::size_t end) {
+        incumbent_ = {INFINITE, 0.0, 0.0};
+        active_.clear();
+        for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
+        for (const bool descend : {false, true}) {
+            for (const std::size_t disc : active_) {
+                problem_->select(disc);
+                update_incumbent(disc, descend ? problem_->find_local_minimum()
+                                               : problem_->evaluate_nearest());
+            }
+            const double accepted = find_leak(incumbent_.inverse_sinr) + tolerance_;
+            active_.erase(std::remove_if(active_.begin(), active_.end(), [&](std::size_t disc) {
+                return !(formula_bounds_[disc] > accepted);
+            }), active_.end());
+        }
+        double largest = 0.0;
+        for (std::size_t disc = begin; disc < end; ++disc)
+            if (!std::binary_search(active_.begin(), active_.end(), disc))
+                largest = std::max(largest, formula_bounds_[disc]);
+        return largest;
     }
 
     // Raise the bound of each sector of a level to the sector's lower bound of the inverse SINR. If

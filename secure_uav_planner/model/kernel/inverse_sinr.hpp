@@ -307,8 +307,7 @@ protected:
         for (int j = 1; j < uavs_; ++j) {
             const double near = loss(square(std::max(distance_[j] - ball, 0.0)), j);
             const double far = loss(square(distance_[j] + ball), j);
-            // `way` is the distance from q_0 to q_j; `difference` is L_j and `change` the most by
-            // which L_j changes in the ball.
+            // `way` is |q_0 - q_j|, `difference` L_j, and `change` the most by which L_j changes.
             const double way_x = x_[j] - x_[0], way_y = y_[j] - y_[0];
             const double way = std::sqrt(way_x * way_x + way_y * way_y) + place_error_;
             const double change =
@@ -408,9 +407,8 @@ protected:
     // Return v and its derivatives at (x, y), and lower bounds of v in the ball of radius `ball`
     // around it; see Expansion. v = noise / g_0 + sum_j jamming_j g_j / g_0 is bounded term by
     // term, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at an
-    // SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, a term w e^l has
-    // second and third derivatives of at most w e^l (b_2 + b_1^2) and w e^l (b_3 + 3 b_1 b_2 +
-    // b_1^3).
+    // SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, second and third
+    // derivatives of a term w e^l are at most w e^l times b_2 + b_1^2 and b_3 + 3 b_1 b_2 + b_1^3.
     Expansion expand(double x, double y, double ball) const override {
         const LogGain transmitter = log_gain(x, y, 0);
         const Range denominator = find_range(0, transmitter, ball);
@@ -466,8 +464,7 @@ private:
         PathLoss::LogBounds bounds;
     };
 
-    // Return UAV u's least and largest gain g within `ball` [m] of the place of `at`, and bounds of
-    // the derivatives of log g there.
+    // Return UAV u's least and largest gain g within `ball` [m] of at's place, and log g's bounds.
     Range find_range(int u, const LogGain& at, double ball) const {
         const double near = std::max(at.distance - ball, 0.0), far = at.distance + ball;
         return {channel_.gain(u, far * far), channel_.gain(u, near * near),

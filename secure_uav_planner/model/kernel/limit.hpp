@@ -127,8 +127,7 @@ public:
     }
 
 private:
-    // Call function(i, d, line) for every vector d that is not ignored. `line` is null if the limit
-    // has no lines.
+    // Call function(i, d, line) for every vector d that is not ignored; line is null without lines.
     template <typename Function>
     void for_limited(const Slacks& slacks, Function function) const {
         const std::vector<Line>& lines = slacks.lines->lines;

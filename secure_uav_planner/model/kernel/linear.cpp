@@ -43,9 +43,8 @@ std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     }
 }
 
-// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes a negative
-// pivot 0, -pivot, and 0 for other pivots. Column k of the matrix becomes, from row k on, column k
-// of L, whose entry k is 1.
+// Eliminate row k of a symmetric matrix from the rows below. Return -pivot, the shift to 0, for a
+// negative pivot, otherwise 0. From row k on, column k of the matrix becomes column k of L.
 double eliminate_row(double* matrix, int size, int k) {
     double* upper = matrix + k * size;
     const double pivot = upper[k];

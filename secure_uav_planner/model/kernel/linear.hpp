@@ -357,8 +357,7 @@ private:
         return change * inverse_pivot;
     }
 
-    // Back substitution: find share j's step from the steps of x and of shares before j in its
-    // slot.
+    // Back substitution: find share j's step from the steps of x and of the slot's earlier shares.
     void find_share_steps(int R, const double* row_multipliers, double* step) {
         for (std::size_t n = 0; n < slots_; ++n)
             for (int j = size(); j < width(); ++j) {
@@ -373,9 +372,8 @@ private:
     }
 
     // Add to the band what makes a slot's block positive semidefinite. find_modification replaces
-    // its argument by the matrix to add. Without shares this goes to the band. With shares it is
-    // added to the block, the shares are eliminated again, and the change of the reduced block goes
-    // to the band.
+    // its argument by the matrix to add. Without shares this goes to the band. With shares it goes
+    // to the block, shares are eliminated again, and the reduced block's change goes to the band.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];

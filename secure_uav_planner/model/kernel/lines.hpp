@@ -113,8 +113,7 @@ protected:
         for (std::size_t pair = 0; pair < pairs_; ++pair) {
             const Point* piece = pieces + pair * controls_;
             Point direction = find_nearest(piece, controls_);
-            // If the origin is on the piece's boundary, the vector has no direction, and the
-            // piece's middle gives one.
+            // If the origin is on the piece's edge, the piece's middle gives the direction.
             if (!(std::sqrt(dot(direction, direction)) > ZERO_LENGTH))
                 direction = mean_point(piece, controls_);
             const double length = std::sqrt(dot(direction, direction));

@@ -16,8 +16,7 @@ struct Gain {
 
 // The gain of every link over the noise power, as a function of the squared horizontal distance.
 //
-// Links are numbered k U + u, from UAV u to receiver k, the ground node being receiver 0. A gain
-// must fall with the distance.
+// Link k U + u is from UAV u to receiver k. A gain must fall with the distance.
 class LinkGains {
 public:
     // Whether the gain may have a kink at distance 0, which the barrier function then rounds.

@@ -49,58 +49,18 @@ public:
     }
 
     // Find the shares, (N, G), that minimise the barrier function for the rates here.node_rates.
-    // In the dual problem each node has a price, and the prices add up to 1. For given prices,
-    // `share_slot` finds the shares of each slot alone. Newton's method finds the prices, while the
-    // barrier parameter `level` falls to mu, by the factor SHARES_MU_FACTOR.
+    // In the dual problem each node has a price, and the prices add up to 1. For given prices, each
+    // slot has shares of its own. Newton's method finds the prices, while the barrier parameter
+    // `level` falls to mu, by the factor SHARES_MU_FACTOR.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
-        const int G = nodes_, H = G + 1;
-        const Reals offsets = sum_offsets();
-        Reals prices(G, 1.0 / G), slacks(G), matrix(H * H), right(H);
-        const auto share_slot = [&](std::size_t n, double level) {
-            LogSum gaps;
-            double sum = 0.0;
-            for (int k = 0; k < G; ++k) slacks[k] = prices[k] * here.node_rates[n * G + k];
-            solve_epigraph(slacks.data(), G, level, gaps);
-            for (int k = 0; k < G; ++k) sum += shares[n * G + k] = level / slacks[k];
-            for (int k = 0; k < G; ++k) shares[n * G + k] /= sum;
-        };
+        Reals prices(nodes_, 1.0 / nodes_);
         for (double level = std::max(mu, rate_unit_); ;
              level = std::max(mu, SHARES_MU_FACTOR * level)) {
-            for (int step = 0; step < SHARE_STEPS; ++step) {
-                // Newton's system for the prices; its last row keeps the sum of the prices. The
-                // derivative of share k by price j is
-                // share_k^2 rate_j ([k = j] - share_j^2 / squares) / level.
-                std::fill(matrix.begin(), matrix.end(), 0.0);
-                for (int k = 0; k < G; ++k) right[k] = -offsets[k];
-                right[G] = 0.0;
-                for (std::size_t n = 0; n < slots_; ++n) {
-                    share_slot(n, level);
-                    const double *share = shares + n * G, *rate = &here.node_rates[n * G];
-                    double squares = 0.0;
-                    for (int k = 0; k < G; ++k) squares += share[k] * share[k];
-                    for (int k = 0; k < G; ++k) {
-                        right[k] -= share[k] * rate[k];
-                        for (int j = 0; j < G; ++j)
-                            matrix[k * H + j] += rate[k] * rate[j] * share[k]
-                                * ((j == k ? share[k] : 0.0)
-                                   - share[k] * share[j] / squares * share[j]) / level;
-                    }
-                }
-                for (int k = 0; k < G; ++k) {
-                    right[k] += double(slots_) * level / prices[k];
-                    matrix[k * H + k] += double(slots_) * level / (prices[k] * prices[k]);
-                    matrix[k * H + G] = matrix[G * H + k] = 1.0;
-                }
-                if (!solve_dense(matrix.data(), right.data(), H)) break;
-                double sum = 0.0;
-                for (int k = 0; k < G; ++k)
-                    sum += prices[k] = std::clamp(prices[k] + right[k], prices[k] / PRICE_FACTOR,
-                                                  prices[k] * PRICE_FACTOR);
-                for (double& price : prices) price /= sum;
-            }
+            for (int step = 0; step < SHARE_STEPS; ++step)
+                if (!move_prices(level, here, prices, shares)) break;
             if (level == mu) break;
         }
-        for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu);
+        for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu, here, prices, shares);
     }
 
     // Extend the derivatives of a slot from x to its G - 1 variable shares; the first share is 1
@@ -180,6 +140,55 @@ public:
     }
 
 private:
+    // Set the shares of slot n, of all shares (N, G), to the best for the nodes' prices, (G):
+    // share k is proportional to mu / (t - price_k rate_k) with the t of solve_epigraph.
+    void share_slot(std::size_t n, double mu, const Evaluation& here, const Reals& prices,
+                    double* shares) const {
+        double* share = shares + n * nodes_;
+        for (int k = 0; k < nodes_; ++k) share[k] = prices[k] * here.node_rates[n * nodes_ + k];
+        LogSum gaps;
+        solve_epigraph(share, nodes_, mu, gaps);
+        double sum = 0.0;
+        for (int k = 0; k < nodes_; ++k) sum += share[k] = mu / share[k];
+        for (int k = 0; k < nodes_; ++k) share[k] /= sum;
+    }
+
+    // Set the shares of all slots, (N, G), to the best for the nodes' prices, (G), then move the
+    // prices by a Newton step. Return false, with the prices as they are, if there is no step.
+    bool move_prices(double mu, const Evaluation& here, Reals& prices, double* shares) const {
+        const int G = nodes_, H = G + 1;
+        const Reals offsets = sum_offsets();
+        // Newton's system for the prices; its last row keeps the sum of the prices. The derivative
+        // of share k by price j is share_k^2 rate_j ([k = j] - share_j^2 / squares) / mu.
+        Reals matrix(H * H, 0.0), right(H, 0.0);
+        for (int k = 0; k < G; ++k) right[k] = -offsets[k];
+        for (std::size_t n = 0; n < slots_; ++n) {
+            share_slot(n, mu, here, prices, shares);
+            const double *share = shares + n * G, *rate = &here.node_rates[n * G];
+            double squares = 0.0;
+            for (int k = 0; k < G; ++k) squares += share[k] * share[k];
+            for (int k = 0; k < G; ++k) {
+                right[k] -= share[k] * rate[k];
+                for (int j = 0; j < G; ++j)
+                    matrix[k * H + j] += rate[k] * rate[j] * share[k]
+                        * ((j == k ? share[k] : 0.0)
+                           - share[k] * share[j] / squares * share[j]) / mu;
+            }
+        }
+        for (int k = 0; k < G; ++k) {
+            right[k] += double(slots_) * mu / prices[k];
+            matrix[k * H + k] += double(slots_) * mu / (prices[k] * prices[k]);
+            matrix[k * H + G] = matrix[G * H + k] = 1.0;
+        }
+        if (!solve_dense(matrix.data(), right.data(), H)) return false;
+        double sum = 0.0;
+        for (int k = 0; k < G; ++k)
+            sum += prices[k] = std::clamp(prices[k] + right[k], prices[k] / PRICE_FACTOR,
+                                          prices[k] * PRICE_FACTOR);
+        for (double& price : prices) price /= sum;
+        return true;
+    }
+
     const Reals &weights_, &offsets_;
     const std::size_t slots_;
     const int nodes_, size_;
