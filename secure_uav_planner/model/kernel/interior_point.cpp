@@ -180,7 +180,7 @@ private:
         while (!stop_) {
             const std::size_t index = next_++;
             if (index >= iterates_.size()) return;
-            for (auto& failed : failed_) {
+            for (auto& failed : failed_) {  // One entry for each step.
                 if (stop_) return;
                 if (newton.take_step(iterates_[index], final_mu, stop_)
                     == kernel::Outcome::failed) ++failed;
@@ -192,7 +192,7 @@ private:
     void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
-        worker(count - 1);
+        worker(count - 1);  // Makes the workers 0 to count - 1.
         // If `raise_if_over` throws, the futures join their threads as they are destroyed.
         std::vector<std::future<void>> threads;
         try {

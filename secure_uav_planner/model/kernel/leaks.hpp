@@ -178,7 +178,7 @@ private:
     int size() const { return 3 * (UAVS ? UAVS : uavs_); }
     std::size_t first(std::size_t n) const { return begin_ + n * eves_; }
 
-    // The index of a ground node among the hearers, or their number if the node does not listen.
+    // A ground node's index among the hearers, or the number of hearers if it does not listen.
     static int find_own(const BarrierProblem& problem, int node) {
         const std::vector<int>& listeners = problem.receivers.listeners;
         return problem.eavesdroppers()

@@ -264,8 +264,8 @@ private:
     }
 
     // Find the step -(B + sum_r row_r row_r^T / ratio_r)^-1 gradient with the factored band B and R
-    // dense rows, by Woodbury's formula; return false if it is not finite. `step` has x, (N, V),
-    // and behind it shares, (N, S). ROWS is R if it is known when compiling, or 0 for any number.
+    // dense rows, by Woodbury's formula; return false if no finite step exists. `step` has x,
+    // (N, V), and behind it shares, (N, S). ROWS is R if known when compiling, or 0 for any number.
     template <int ROWS>
     bool solve_factored(const double* gradient, const double* ratios, double* step) {
         fill_right_sides<ROWS>(gradient);

@@ -84,8 +84,8 @@ public:
     }
 
     // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
-    // If the system cannot be solved, the step is 0: x and shares stay, update_mu takes the start
-    // for stalled, and the outcome is `failed`. With a price that rises, mu stays.
+    // If the system cannot be solved, the step is 0: x and shares stay, duals move, update_mu takes
+    // the start for stalled, and the outcome is `failed`. With a price that rises, mu stays.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
         const double mu = find_mu(iterate);
         update_evaluation(iterate);
