@@ -46,7 +46,7 @@ public:
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
     // Find leak(), an upper bound [bit/s/Hz] of the leak in a slot's discs `begin` to `end` - 1,
-    // and the incumbent, the place with the largest leak found. Return how many sectors it took.
+    // and the incumbent, the place with the largest leak found. Return how many sectors it bounded.
     std::int64_t search(std::size_t begin, std::size_t end) {
         const double dropped = drop_discs(begin, end);
         // Branch and bound of the other discs, level by level; the first level has whole discs.

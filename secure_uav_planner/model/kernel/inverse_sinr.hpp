@@ -464,7 +464,7 @@ private:
         PathLoss::LogBounds bounds;
     };
 
-    // Return UAV u's least and largest gain g within `ball` [m] of at's place, and log g's bounds.
+    // Return bounds of UAV u's gain g within `ball` [m] of at's place, and of log g's derivatives.
     Range find_range(int u, const LogGain& at, double ball) const {
         const double near = std::max(at.distance - ball, 0.0), far = at.distance + ball;
         return {channel_.gain(u, far * far), channel_.gain(u, near * near),

@@ -124,11 +124,11 @@ public:
     }
 
     // Find the Newton step of the nodes' duals for a step of the variables, and lower the step
-    // length `length` so that they stay positive. rows[i R + k] is of variable i and node k.
+    // length `length` so that the duals stay positive. rows[i R + k]: variable i, node k.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
                            const double* rows, double& length) {
         const int G = nodes_;
-        Reals slopes(G, 0.0);
+        Reals slopes(G, 0.0);  // Slopes of minus the means: solve_epigraph has these values.
         for (std::size_t i = 0; i < slots_ * (size_ + G - 1); ++i)
             for (int k = 0; k < G; ++k) slopes[k] -= rows[i * R + k] * step[i];
         find_epigraph_changes(G, mu, iterate.evaluation.node_slacks.data(),
