@@ -17,11 +17,11 @@ inline void expect(bool valid, const char* name) {
     if (!valid) throw std::invalid_argument(std::string("wrong array: ") + name);
 }
 
-// A contiguous array of Python's, which is kept alive with this object. T is const if the array is
-// only read.
+// A contiguous array of Python's, which lives as long as this object; read only if T is const.
 template <typename T>
 class Array {
 public:
+    // Throw unless the buffer is contiguous, of type T, and writable if T is not const.
     Array(const py::buffer& buffer, const char* name)
         : info_(buffer.request(!std::is_const_v<T>)) {
         using Number = std::remove_const_t<T>;

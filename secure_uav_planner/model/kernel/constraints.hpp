@@ -36,7 +36,7 @@ public:
     bool have_lines = false;  // Whether any limit chooses lines before every step.
 
     // Choose the lines of all limits that have lines for the flights at x. The evaluation `here`
-    // at x, and the evaluation `trial` of a step from x, then have these lines.
+    // at x, and the evaluation `trial` of a step from x, get pointers to these lines.
     void choose_lines(const double* x, Evaluation& here, Evaluation& trial) {
         here.slacks.resize(kinds_);
         trial.slacks.resize(kinds_);
@@ -47,9 +47,9 @@ public:
         }
     }
 
-    // Find all slacks at an x, and the barrier function's value objective - sum weight log(slack).
-    // A power p has the slacks p and 1 - p / peak, an average power 1 - mean (powers are in units
-    // of the largest average power), and a share the share itself.
+    // Fill here.slacks, and here.value with objective - sum weight log(slack). Weights are mu, and
+    // N mu for average powers and energies. A power p has the slacks p and 1 - p / peak, an average
+    // power 1 - mean (powers are in units of the largest average power), a share the share itself.
     void evaluate(const Iterate& iterate, const double* x, const double* shares, double objective,
                   double mu, Evaluation& here) {
         p_.fill_path(x, path_);
@@ -76,8 +76,7 @@ public:
         evaluate_lines(mu, here);
     }
 
-    // Find the slacks of limits with lines on the path of the last evaluate, and the barrier
-    // function's value.
+    // Find slacks of limits with lines on the path of the last evaluate; set here.value.
     void evaluate_lines(double mu, Evaluation& here) const {
         LogSum sum;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -87,8 +86,7 @@ public:
     }
 
     // Add the gradient of all barrier terms by x, (N, U, 3), and behind it by the shares. A term
-    // -w log c has the gradient -(w / c) dc. An energy over its limit has a price in place of w /
-    // c.
+    // -w log c has the gradient -(w / c) dc. If an energy has a price (`over`), w / c is the price.
     void add_gradient(const Iterate& iterate, double mu, double* gradient) {
         const Evaluation& here = iterate.evaluation;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -114,9 +112,9 @@ public:
     }
 
     // Add the limits' primal-dual curvature in x to the band: for a linear slack c with a dual it
-    // is dual / c times the outer product of the gradient of c. An energy adds its Hessian times its
-    // dual. The outer products of average powers and energies couple all slots, and are in
-    // mean_ratio and fill_energy_rows.
+    // is dual / c times the outer product of the gradient of c. An energy adds its Hessian times
+    // the energy's dual. The outer products of average powers and energies couple all slots, and
+    // are in mean_ratio and fill_energy_rows.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
@@ -138,7 +136,7 @@ public:
     }
     // Fill U of the R dense rows with the gradients of the energies by x, and U ratios. `rows` has
     // R numbers for each variable. The energy of UAV u adds row row^T / ratio to the Hessian, where
-    // ratio is slack / dual. An energy with a price (`over`) has a row of 0. Needs add_gradient.
+    // ratio is slack / dual. With a price (`over`) the row is 0. Uses add_gradient's gradients.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)
@@ -153,7 +151,7 @@ public:
         return iterate.duals.back()[i] / iterate.shares[i];
     }
 
-    // Find the derivatives of all slacks along a step, (N, U, 3) of x and behind it the shares.
+    // Set slopes_, the derivatives of all slacks along a step, (N, U, 3) of x and then the shares.
     void find_slopes(const double* step, const Evaluation& here) {
         p_.fill_path(step, path_, true);
         for (std::size_t l = 0; l < limits_; ++l)
@@ -185,8 +183,8 @@ public:
     const Reals& share_slopes() const { return slopes_.back().values; }
 
     // Find the largest step length, at most 1, of each UAV's flight within the limits of flights,
-    // (U). Return the least of these lengths and of the largest step lengths of powers and shares.
-    // A step takes at most 99.5% of a slack. An energy with a price (`over`) has no limit here.
+    // (U). Return the least of these and of the largest lengths for powers, averages and shares. A
+    // step takes at most 99.5% of a slack. An energy with a price (`over`) limits nothing here.
     double limit_lengths(const Iterate& iterate, const double* step, Reals& lengths) const {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         std::fill(lengths.begin(), lengths.end(), 1.0);
@@ -206,7 +204,7 @@ public:
         return least;
     }
 
-    // Set the duals to their central values mu / c.
+    // Set duals to central values weight / slack. An energy with a price (`over`) gets the price.
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
@@ -223,15 +221,16 @@ public:
         if (!p_.energies) return;
         Reals energies;
         p_.fill_path(iterate.x, path_);
-        p_.energies->find(path_.data(), energies);
+        p_.energies->compute_energies(path_.data(), energies);
         for (int u = 0; u < p_.uavs; ++u)
             iterate.over[u] =
                 !((1.0 - energies[u]) * find_price(iterate, u) >= barrier_weight(energies_, mu));
     }
 
-    // Raise the prices of energies that exceed their limits (`over`). A price is replaced by a
-    // barrier term once weight / slack is at most the price, and does not rise above MOST_PRICE *
-    // weight. Return whether any has risen. Duals of energies hold the prices.
+    // Multiply by PRICE_RISE each price (`over`) that is below MOST_PRICE * weight, weight = N mu.
+    // A price with slack * price >= weight is replaced by a barrier term instead. Return whether
+    // any price has risen. Prices are duals of energies; iterate.prices gets the duals of all
+    // energies per slot and rate unit.
     bool raise_prices(Iterate& iterate, double mu) const {
         bool risen = false;
         const double weight = barrier_weight(energies_, mu);
@@ -278,7 +277,7 @@ public:
                 iterate.duals[l][i] += length * dual_changes_[l][i];
     }
 
-    // Keep the duals within a factor DUAL_RANGE of their central values barrier_weight / slack.
+    // Keep duals within a factor DUAL_RANGE of their central values weight / slack. Prices stay.
     void clip_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i) {
@@ -327,11 +326,11 @@ private:
         return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
     }
 
-    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add the
-    // barrier term of each energy, or price * energy for one with a price (`over`).
+    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add barrier
+    // terms to value_without_lines, but price * energy for an energy with a price (`over`).
     void evaluate_energies(const Iterate& iterate, double mu, Evaluation& here) const {
         Reals& slacks = here.slacks[energies_].values;
-        p_.energies->find(path_.data(), slacks);
+        p_.energies->compute_energies(path_.data(), slacks);
         for (int u = 0; u < p_.uavs; ++u) {
             if (iterate.over[u]) here.value_without_lines += find_price(iterate, u) * slacks[u];
             slacks[u] = 1.0 - slacks[u];

@@ -45,28 +45,10 @@ public:
         : discs_(discs), problem_(make_disc_problem(discs)), formula_bounds_(formula_bounds),
           most_sectors_(most_sectors), tolerance_(tolerance) {}
 
-    // Find leak(), an upper bound of the leak in the discs `begin` to `end` - 1 of one slot, and
-    // the incumbent, the place with the largest leak seen. Return the number of sectors examined.
+    // Find leak(), an upper bound [bit/s/Hz] of the leak in a slot's discs `begin` to `end` - 1,
+    // and the incumbent, the place with the largest leak found. Return how many sectors it bounded.
     std::int64_t search(std::size_t begin, std::size_t end) {
-        incumbent_ = {INFINITE, 0.0, 0.0};
-        active_.clear();
-        // Drop discs whose formula bound is at most the incumbent's leak plus the tolerance.
-        for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
-        for (const bool descend : {false, true}) {
-            for (const std::size_t disc : active_) {
-                problem_->select(disc);
-                update_incumbent(disc, descend ? problem_->find_local_minimum()
-                                               : problem_->evaluate_nearest());
-            }
-            const double enough = find_leak(incumbent_.inverse_sinr) + tolerance_;
-            active_.erase(std::remove_if(active_.begin(), active_.end(), [&](std::size_t disc) {
-                return !(formula_bounds_[disc] > enough);
-            }), active_.end());
-        }
-        double leak = 0.0;  // The largest formula bound of the dropped discs.
-        for (std::size_t disc = begin; disc < end; ++disc)
-            if (!std::binary_search(active_.begin(), active_.end(), disc))
-                leak = std::max(leak, formula_bounds_[disc]);
+        const double dropped = drop_discs(begin, end);
         // Branch and bound of the other discs, level by level; the first level has whole discs.
         level_.clear();
         for (const std::size_t disc : active_)
@@ -77,16 +59,16 @@ public:
         while (!level_.empty()) {
             examined += std::int64_t(level_.size());
             bound_level();
-            const double enough =
+            const double accepted_inverse =
                 invert_leak(find_leak(incumbent_.inverse_sinr) + tolerance_);
             next_level_.clear();
             for (const Sector& sector : level_) {
-                if (sector.bound < enough && examined < most_sectors_) divide(sector);
+                if (sector.bound < accepted_inverse && examined < most_sectors_) divide(sector);
                 else proven = std::min(proven, sector.bound);
             }
             level_.swap(next_level_);
         }
-        leak_ = std::max(leak, find_leak(std::min(proven, incumbent_.inverse_sinr)));
+        leak_ = std::max(dropped, find_leak(std::min(proven, incumbent_.inverse_sinr)));
         return examined;
     }
 
@@ -101,8 +83,33 @@ private:
         incumbent_disc_ = disc;
     }
 
-    // Bound the inverse SINR v from below in all sectors of a level. If a place that was evaluated
-    // for a bound is better than the incumbent, descend from the best such place.
+    // Find the incumbent by one place of each disc, then by a local search. Set active_ to discs
+    // `begin` to `end` - 1, without discs whose formula bound is at most the incumbent's leak plus
+    // the tolerance. Return the largest formula bound [bit/s/Hz] of the discs left out, or 0.
+    double drop_discs(std::size_t begin, std::size_t end) {
+        incumbent_ = {INFINITE, 0.0, 0.0};
+        active_.clear();
+        for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
+        for (const bool descend : {false, true}) {
+            for (const std::size_t disc : active_) {
+                problem_->select(disc);
+                update_incumbent(disc, descend ? problem_->find_local_minimum()
+                                               : problem_->evaluate_nearest());
+            }
+            const double accepted = find_leak(incumbent_.inverse_sinr) + tolerance_;
+            active_.erase(std::remove_if(active_.begin(), active_.end(), [&](std::size_t disc) {
+                return !(formula_bounds_[disc] > accepted);
+            }), active_.end());
+        }
+        double largest = 0.0;
+        for (std::size_t disc = begin; disc < end; ++disc)
+            if (!std::binary_search(active_.begin(), active_.end(), disc))
+                largest = std::max(largest, formula_bounds_[disc]);
+        return largest;
+    }
+
+    // Raise the bound of each sector of a level to the sector's lower bound of the inverse SINR. If
+    // the middle of a sector is better than the incumbent, descend from the best such place.
     void bound_level() {
         Candidate best = incumbent_;
         std::size_t best_disc = incumbent_disc_, selected = discs_.count;

@@ -26,8 +26,8 @@ struct PowerTerms {
         return blade_slope - 0.5 * induced * induced_slope / (root * std::sqrt(root + r))
             + 1.5 * drag * std::sqrt(s);
     }
-    // The second derivative of the power by s, times s.
-    double second(double s) const {
+    // s times the second derivative of the power by s, the square of a move's length; finite at 0.
+    double scaled_second(double s) const {
         const double r = induced_slope * s, square = 1.0 + r * r, root = std::sqrt(square);
         return induced * induced_slope * r / std::sqrt(root + r)
             * (0.25 / square + 0.5 * r / (square * root)) + 0.75 * drag * std::sqrt(s);
@@ -45,9 +45,9 @@ public:
 
     const Vectors& moves() const { return moves_; }
 
-    // Find the energy of each UAV on a path, (U), as a share of its limit: the UAV's constant plus
-    // the sum of weight * power(|move|^2) over its moves.
-    void find(const double* path, Reals& energies) const {
+    // Fill `energies`, (U), of the UAVs on a path, (M, U, 2), as shares of their limits: a UAV's
+    // constant plus the sum of weight * power(|move|^2) over its moves.
+    void compute_energies(const double* path, Reals& energies) const {
         energies = constants_;
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             energies[uav] += weights_[i] * terms_[uav].value(dot(move, move));
@@ -65,13 +65,13 @@ public:
 
     // Add to the band the Hessians of the energies times their prices, (U). By a move, the Hessian
     // of power(s), s = |move|^2, has the eigenvalue 2 power' across the move and 2 power' + 4 s
-    // power'' along it. Negative eigenvalues are replaced by 0. PowerTerms::second is s power''.
+    // power'' along it. Negative eigenvalues are replaced by 0.
     void add_curvature(const double* path, const Reals& prices, const Band& band) const {
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const PowerTerms& terms = terms_[uav];
             const double s = dot(move, move), weight = weights_[i] * prices[uav];
             const double across = std::max(0.0, 2.0 * terms.first(s));
-            const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.second(s));
+            const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.scaled_second(s));
             const double excess = s > 0.0 ? weight * (along - across) / s : 0.0;
             moves_.add_curvature(i, weight * across + excess * move.x * move.x,
                                  excess * move.x * move.y,
@@ -80,11 +80,11 @@ public:
     }
 
 private:
-    // Call a function with the index of every move on a path, the move, and the UAV that moves.
+    // Call function(i, move, uav) for every move i on a path, and the UAV that moves.
     template <typename Function>
     void visit(const double* path, Function function) const {
         std::vector<Point> moves;
-        moves_.find(path, false, moves);
+        moves_.compute_vectors(path, false, moves);
         const std::size_t moves_of_uav = moves.size() / terms_.size();
         for (std::size_t i = 0; i < moves.size(); ++i)
             function(i, moves[i], i / moves_of_uav);

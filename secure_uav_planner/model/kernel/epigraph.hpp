@@ -34,10 +34,10 @@ private:
     double product_ = 1.0, sum_ = 0.0;
 };
 
-// Return the t that minimises t - mu sum log(t - value): the smoothed largest of several values.
+// Return the minimiser t of t - mu sum log(t - value), whose minimum is the smoothed largest of the
+// values. Replace the values by their slacks t - value, and add each log(slack / mu) to `gaps`.
 // Newton's method solves sum mu / (t - value) = 1 from the left of its root, so without
-// overshooting. In the loop, t is (t - largest value) / mu. The values are replaced by their slacks
-// t - value, and log(slack / mu) is added to `gaps`.
+// overshooting. In the loop, t is (t - largest value) / mu.
 inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps) {
     // STEPS suffice for 16 values, because a step far from the root doubles t. With more values
     // further steps are taken until the sum exceeds 1 by at most NEAR; one step from there is
@@ -65,10 +65,10 @@ inline double solve_epigraph(double* values, int count, double mu, LogSum& gaps)
     return t;
 }
 
-// Find the Newton step of the duals of several values, whose smoothed largest is t: a dual changes
-// by mu / slack - dual - dual / slack * (change of t - slope), where slack is t - value and
-// `slopes` are the derivatives of the values along the step. The change of t keeps the duals' sum
-// at 1. Lower the step length `length` so that the duals stay positive.
+// Fill `changes`, the Newton step of the duals of values with slacks t - value by solve_epigraph. A
+// dual changes by mu / slack - dual - dual / slack * (change of t - slope), where `slopes` are the
+// derivatives of the values along the step. The change of t brings the sum of the duals to 1. Lower
+// the step length `length` so that the duals stay positive.
 inline void find_epigraph_changes(int count, double mu, const double* slacks, const double* duals,
                                   const double* slopes, double* changes, double& length) {
     double sum = 0.0, total = 0.0, weighted = 0.0;
@@ -85,7 +85,7 @@ inline void find_epigraph_changes(int count, double mu, const double* slacks, co
     }
 }
 
-// Move duals along their step, and scale them so that their sum is 1.
+// Add `length` times the changes to the duals, then divide the duals by their sum.
 inline void move_epigraph_duals(int count, double length, const double* changes, double* duals) {
     double sum = 0.0;
     for (int i = 0; i < count; ++i) sum += duals[i] += length * changes[i];

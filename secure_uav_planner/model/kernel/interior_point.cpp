@@ -30,7 +30,7 @@ namespace {
 constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
 constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Time between calls of raise_if_over.
 
-// Copy the receivers of Python's arguments; core.pyi lists these.
+// Check and copy the receivers of Python's arguments, which core.pyi lists.
 kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
     const std::size_t nodes = count_entries(args, "weights");
@@ -44,9 +44,8 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
             copy_reals(args, "radii", entries)};
 }
 
-// Copy core.pyi's `places`, which stand for discs: for each slot and place, whether the place moves
-// along with the UAVs, its offset from the disc's centre, and the disc's radius. Each place is an
-// eavesdropper of the problem.
+// Copy core.pyi's `places`: for each slot and place, whether the place moves along with the UAVs,
+// the offset from the disc's centre, and the disc's radius. Each place is an eavesdropper.
 kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t places = problem.eavesdroppers();
     return {copy_flags(args, "moves_along", problem.slots * places),
@@ -54,7 +53,7 @@ kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) 
             copy_reals(args, "radii", problem.slots * places)};
 }
 
-// Copy the barrier problem of Python's arguments; core.pyi lists these.
+// Check and copy the barrier problem of Python's arguments, which core.pyi lists.
 BarrierProblem make_problem(const py::dict& args) {
     BarrierProblem problem;
     problem.slots = args["slots"].cast<std::size_t>();
@@ -85,6 +84,8 @@ BarrierProblem make_problem(const py::dict& args) {
 // Newton's method for several starts, whose arrays in Python it changes in place; see core.pyi.
 class InteriorPointSolver {
 public:
+    // Initialise S starts: `x` (S, N, U, 3), `shares` (S, N, G), `mu` and `finished` (S), `over`
+    // and `prices` (S, U). Steps change these arrays in place; `shares` and `over` are filled here.
     InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
             const py::buffer& mu, const py::buffer& finished, const py::buffer& over,
             const py::buffer& prices)
@@ -111,9 +112,10 @@ public:
     }
     InteriorPointSolver(const InteriorPointSolver&) = delete;
 
-    // Take `steps` steps from every start, or fewer if they are expensive. Return the number of
-    // steps, and how many starts failed in the step with most failures. If `raise_if_over` throws,
-    // starts that have not yet stepped are left unchanged.
+    // Take `steps` steps from every start. If steps are expensive, take fewer, at least 1. Return
+    // the number of steps, and how many starts failed in the step with most failures. Expensive
+    // steps are taken in threads, while `raise_if_over` is called; if it throws, starts that have
+    // not yet stepped are left unchanged. With cheap steps, `raise_if_over` is never called.
     py::tuple advance(int steps, double final_mu, const py::function& raise_if_over) {
         std::size_t failed;
         {
@@ -133,7 +135,7 @@ public:
         return py::make_tuple(steps, failed);
     }
 
-    // Fill the least weighted mean rate of each start in nats.
+    // Fill `rates` (S) with the least weighted mean rate of each start in nats.
     void evaluate_rates(const py::buffer& rates) {
         const Array<double> rate(rates, "rates", iterates_.size());
         const py::gil_scoped_release release;
@@ -141,7 +143,7 @@ public:
             rate[s] = worker(0).evaluate_rate(iterates_[s]);
     }
 
-    // Fill the barrier function and its derivatives for each start: for tests.
+    // Fill each start's barrier function and gradient, and the objective's Hessian: for tests.
     void evaluate(const py::buffer& values, const py::buffer& gradients,
                   const py::buffer& hessians) {
         const std::size_t row = 3 * problem_.uavs + problem_.nodes() - 1;
@@ -154,12 +156,13 @@ public:
                                           &hessian[s * size * row]);
     }
 
-    // Replace the places, and the receivers' positions, by the same number of new ones.
+    // Replace the places, and the positions of all receivers, by the same number of new ones. Throw
+    // if the problem was made without places.
     void exchange_places(const py::dict& places, const py::buffer& positions) {
-        Reals& own = problem_.receivers.positions;
+        Reals& current = problem_.receivers.positions;
         expect(!problem_.places.moves_along.empty(), "places");
         kernel::Places made = read_places(problem_, places);
-        own = copy_reals(positions, "positions", own.size());
+        current = copy_reals(positions, "positions", current.size());
         problem_.places = std::move(made);
         for (kernel::Iterate& iterate : iterates_) iterate.is_evaluated = false;
     }
@@ -171,13 +174,13 @@ private:
         return *workers_[number];
     }
 
-    // Take all steps of one start after the other in worker `number`, until no start is left.
+    // Take all steps of a start that no thread has taken, in worker `number`, until none is left.
     void take_steps(std::size_t number, double final_mu) {
         kernel::Newton& newton = *workers_[number];
         while (!stop_) {
             const std::size_t index = next_++;
             if (index >= iterates_.size()) return;
-            for (auto& failed : failed_) {
+            for (auto& failed : failed_) {  // One entry for each step.
                 if (stop_) return;
                 if (newton.take_step(iterates_[index], final_mu, stop_)
                     == kernel::Outcome::failed) ++failed;
@@ -189,7 +192,7 @@ private:
     void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
-        worker(count - 1);
+        worker(count - 1);  // Makes the workers 0 to count - 1.
         // If `raise_if_over` throws, the futures join their threads as they are destroyed.
         std::vector<std::future<void>> threads;
         try {

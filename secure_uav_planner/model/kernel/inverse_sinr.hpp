@@ -70,7 +70,8 @@ public:
     }
     virtual ~DiscProblem() = default;
 
-    // Select a disc, to which all other methods then refer: copy its numbers from Discs.
+    // Copy a disc's numbers from Discs; all other methods then refer to this disc. Also find
+    // place_error_, the rounding error of a place [m].
     void select(std::size_t disc) {
         double farthest = 0.0;
         for (int u = 0; u < uavs_; ++u) {
@@ -93,11 +94,11 @@ public:
     Candidate find_local_minimum() const {
         Candidate best = evaluate_nearest();
         keep_better(best, evaluate(0.0, 0.0));
-        for (const double share : {0.5, 1.0})
+        for (const double ring : {0.5, 1.0})
             for (int ray = 0; ray < RAYS; ++ray) {
                 const double angle = ray * (2.0 * PI / RAYS);
-                keep_better(best, evaluate(share * radius_ * std::cos(angle),
-                                           share * radius_ * std::sin(angle)));
+                keep_better(best, evaluate(ring * radius_ * std::cos(angle),
+                                           ring * radius_ * std::sin(angle)));
             }
         return descend(best);
     }
@@ -121,7 +122,8 @@ public:
         return here;
     }
 
-    // Return a lower bound of 1 / SINR, v, in a sector; set `candidate` to its middle and v there.
+    // Return a lower bound of v = 1 / SINR in a sector. Set `candidate` to the sector's middle, the
+    // centre for a whole disc, and v there.
     //
     // The bound is the larger of two. Both hold in the smallest ball around the candidate that
     // contains the sector. `ball_bound`, by expand, takes every distance alone at its smallest or
@@ -187,20 +189,20 @@ private:
 
     // Return the place of the disc nearest to (x, y), and v there. (0, 0) is the disc's centre.
     Candidate evaluate(double x, double y) const {
-        const double share = std::min(1.0, radius_ / std::max(std::hypot(x, y), TINY));
-        x *= share;
-        y *= share;
+        const double scale = std::min(1.0, radius_ / std::max(std::hypot(x, y), TINY));
+        x *= scale;
+        y *= scale;
         return {inverse_sinr(x, y), x, y};
     }
 
-    // Return the place after a Newton step for the least v, and v there. Along each axis the step
-    // is -slope / |curvature|, so it goes downhill, and at most `longest`.
+    // Return the place after a Newton step towards the least v = 1 / SINR, kept in the disc, and v
+    // there. Along each axis the step is -slope / |curvature|, so downhill, and at most `longest`.
     Candidate take_newton_step(const Candidate& here, double longest) const {
         double x = here.x, y = here.y;
         const Derivatives v = differentiate(x, y);
         const double radial = (v.x * x + v.y * y) / radius_;
-        // The axes are the eigenvectors of the Hessian. If v falls outwards on the edge, the only
-        // axis is the tangent, and radial / radius is subtracted for the curvature of the circle.
+        // The axes are the eigenvectors of the Hessian. If v falls outwards on the disc's edge, the
+        // only axis is the tangent, and radial / radius is subtracted for the circle's curvature.
         const bool edge = std::hypot(x, y) >= (1.0 - 1e-9) * radius_ && radial < 0.0;
         const double angle =
             edge ? std::atan2(x, -y) : 0.5 * std::atan2(2.0 * v.xy, v.xx - v.yy);
@@ -275,7 +277,7 @@ public:
     }
 
 protected:
-    // v = D_0 (noise + sum_j jamming_j / D_j), with D_u = d_u^2 + H_u^2 of UAV u, noise =
+    // Return v = D_0 (noise + sum_j jamming_j / D_j), with D_u = d_u^2 + H_u^2 of UAV u, noise =
     // 1 / (p_0 SNR_0) and jamming_j = p_j SNR_j / (p_0 SNR_0). UAV 0 transmits.
     double inverse_sinr(double x, double y) const override {
         const auto loss_at = [&](int u) { return loss(square(x - x_[u]) + square(y - y_[u]), u); };
@@ -289,23 +291,23 @@ protected:
         return differentiate_here();
     }
 
-    // Bound v = noise D_0 + sum_j jamming_j (1 + L_j / D_j), term by term, in a ball, with D_j =
-    // d_j^2 + H_j^2 of UAV j and L_j = D_0 - D_j, which is affine in the place. `magnitude` is
-    // the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes; rounding errors
-    // are a small fraction of either.
+    // Return v and its derivatives at (x, y), and lower bounds of v in the ball of radius `ball`
+    // around it; see Expansion. v = noise D_0 + sum_j jamming_j (1 + L_j / D_j) is bounded term by
+    // term, with D_j = d_j^2 + H_j^2 of UAV j and L_j = D_0 - D_j, which is affine in the place.
+    // `magnitude` is the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes;
+    // rounding errors are a small fraction of either.
     Expansion expand(double x, double y, double ball) const override {
         const std::vector<double>& altitudes = discs_.squared_altitudes;
         move_to(x, y);
         for (int u = 0; u < uavs_; ++u)
             distance_[u] = std::sqrt(dx_[u] * dx_[u] + dy_[u] * dy_[u]);
-        const double best = loss(square(std::max(distance_[0] - ball, 0.0)), 0);
-        double ball_bound = noise_ * best, third = 0.0;
+        const double least_loss = loss(square(std::max(distance_[0] - ball, 0.0)), 0);
+        double ball_bound = noise_ * least_loss, third = 0.0;
         double magnitude = noise_, weights = noise_, slopes = 0.0;
         for (int j = 1; j < uavs_; ++j) {
             const double near = loss(square(std::max(distance_[j] - ball, 0.0)), j);
             const double far = loss(square(distance_[j] + ball), j);
-            // `way` is the distance from q_0 to q_j; `difference` is L_j and `change` the most by
-            // which L_j changes in the ball.
+            // `way` is |q_0 - q_j|, `difference` L_j, and `change` the most by which L_j changes.
             const double way_x = x_[j] - x_[0], way_y = y_[j] - y_[0];
             const double way = std::sqrt(way_x * way_x + way_y * way_y) + place_error_;
             const double change =
@@ -314,7 +316,7 @@ protected:
                 + (altitudes[0] - altitudes[j]);
             const double lowest = difference - change;
             ball_bound += jamming_[j]
-                * std::max(best / far, 1.0 + lowest / (lowest > 0.0 ? far : near));
+                * std::max(least_loss / far, 1.0 + lowest / (lowest > 0.0 ? far : near));
             // `third` bounds v''' along any line: |(1 / D)''| <= 6 / D^2, |(1 / D)'''| <= 24 /
             // D^(5/2), and L_j is affine.
             third += jamming_[j] / (near * near)
@@ -336,7 +338,7 @@ private:
         return FreeSpace::loss(squared, discs_.squared_altitudes[u]);
     }
 
-    // Find for a place the offset (dx, dy) from each UAV, and loss D = dx^2 + dy^2 + H^2.
+    // Set for a place the offsets (dx_, dy_) from each UAV, and loss_, D = dx^2 + dy^2 + H^2.
     void move_to(double x, double y) const {
         for (int u = 0; u < uavs_; ++u) {
             dx_[u] = x - x_[u];
@@ -380,8 +382,8 @@ public:
     explicit PathLossProblem(const Discs& discs) : DiscProblem(discs), channel_(*discs.channel) {}
 
 protected:
-    // v = (noise + sum_j jamming_j g_j) / g_0 with the gains g at an SNR of 1. The SNRs are in
-    // noise = 1 / (p_0 SNR_0) and jamming_j = p_j SNR_j / (p_0 SNR_0).
+    // Return v = (noise + sum_j jamming_j g_j) / g_0, with the gains g at an SNR of 1. The SNRs are
+    // in noise = 1 / (p_0 SNR_0) and jamming_j = p_j SNR_j / (p_0 SNR_0).
     double inverse_sinr(double x, double y) const override {
         const auto gain = [&](int u) {
             return channel_.gain(u, square(x - x_[u]) + square(y - y_[u]));
@@ -391,8 +393,8 @@ protected:
         return sum / gain(0);
     }
 
-    // v = noise / g_0 + sum_j jamming_j g_j / g_0, term by term, with noise = 1 / (p_0 SNR_0),
-    // jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at an SNR of 1.
+    // Return v = noise / g_0 + sum_j jamming_j g_j / g_0 with its gradient and Hessian, where noise
+    // = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g are at an SNR of 1.
     Derivatives differentiate(double x, double y) const override {
         Derivatives sum{};
         const LogGain transmitter = log_gain(x, y, 0);
@@ -402,14 +404,14 @@ protected:
         return sum;
     }
 
-    // Bound v = noise / g_0 + sum_j jamming_j g_j / g_0, term by term, in the ball of radius `ball`
-    // around a place, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the
-    // gains g at an SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, a term
-    // w e^l has second and third derivatives of at most w e^l (b_2 + b_1^2) and w e^l (b_3 + 3 b_1
-    // b_2 + b_1^3).
+    // Return v and its derivatives at (x, y), and lower bounds of v in the ball of radius `ball`
+    // around it; see Expansion. v = noise / g_0 + sum_j jamming_j g_j / g_0 is bounded term by
+    // term, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at an
+    // SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, second and third
+    // derivatives of a term w e^l are at most w e^l times b_2 + b_1^2 and b_3 + 3 b_1 b_2 + b_1^3.
     Expansion expand(double x, double y, double ball) const override {
         const LogGain transmitter = log_gain(x, y, 0);
-        const Range below = find_range(0, transmitter, ball);
+        const Range denominator = find_range(0, transmitter, ball);
         Expansion v{};
         double third = 0.0, second = 0.0, magnitude = 0.0;
         for (int u = 0; u < uavs_; ++u) {
@@ -418,9 +420,9 @@ protected:
             const LogGain ratio = subtract(numerator, transmitter);
             Range range{1.0, 1.0, {}};
             if (u) range = find_range(u, numerator, ball);
-            const double second_bound = range.bounds.second + below.bounds.second;
-            const double third_bound = range.bounds.third + below.bounds.third;
-            double slope = range.bounds.first + below.bounds.first;
+            const double second_bound = range.bounds.second + denominator.bounds.second;
+            const double third_bound = range.bounds.third + denominator.bounds.third;
+            double slope = range.bounds.first + denominator.bounds.first;
             // If UAVs are close together, most of the slope cancels, and the second bound is less.
             slope = std::min(
                 slope, std::hypot(ratio.x, ratio.y) + ball * second_bound + GAIN_ULPS * slope);
@@ -428,8 +430,8 @@ protected:
             const double third_factor = third_bound + 3.0 * slope * second_bound
                 + slope * slope * slope;
             v.ball_bound += weight
-                * std::max(range.least / below.most, ratio.gain * std::exp(-ball * slope));
-            const double most = weight * range.most / below.least;
+                * std::max(range.least / denominator.most, ratio.gain * std::exp(-ball * slope));
+            const double most = weight * range.most / denominator.least;
             third += most * third_factor;
             second += most * second_factor;
             magnitude += most * (slope + ball * (second_factor + ball * third_factor));
@@ -462,15 +464,15 @@ private:
         PathLoss::LogBounds bounds;
     };
 
-    // Bound UAV u's gain in a ball around the place at which `at` was computed.
+    // Return bounds of UAV u's gain g within `ball` [m] of at's place, and of log g's derivatives.
     Range find_range(int u, const LogGain& at, double ball) const {
         const double near = std::max(at.distance - ball, 0.0), far = at.distance + ball;
         return {channel_.gain(u, far * far), channel_.gain(u, near * near),
                 channel_.bound_log_gain(u, near, far)};
     }
 
-    // Return UAV u's gain g at a place, with gradient 2 l' (dx, dy) and Hessian
-    // 2 l' I + 4 l'' (dx, dy) (dx, dy)^T of log g, where l(d^2) = log g.
+    // Return UAV u's gain g at a place, and of log g = l(d^2) the gradient 2 l' (dx, dy) and the
+    // Hessian 2 l' I + 4 l'' (dx, dy) (dx, dy)^T; last the horizontal distance d.
     LogGain log_gain(double x, double y, int u) const {
         const double dx = x - x_[u], dy = y - y_[u], squared = dx * dx + dy * dy;
         const Gain gain = channel_.derivatives(u, squared);
@@ -486,16 +488,16 @@ private:
         return {a.gain / b.gain, a.x - b.x, a.y - b.y, a.xx - b.xx, a.xy - b.xy, a.yy - b.yy, 0.0};
     }
 
-    // Add a weight times a gain g to a sum, with its derivatives: by l = log g, the gradient is
-    // g l' and the Hessian g (l' l'^T + l'').
-    static void add(Derivatives& sum, double weight, const LogGain& log) {
-        const double term = weight * log.gain;
+    // Add weight * g to a sum, with its gradient g l' and Hessian g (l' l'^T + l''). Of l = log g,
+    // g.x and g.y are the gradient l' and g.xx, g.xy and g.yy the Hessian l''.
+    static void add(Derivatives& sum, double weight, const LogGain& g) {
+        const double term = weight * g.gain;
         sum.value += term;
-        sum.x += term * log.x;
-        sum.y += term * log.y;
-        sum.xx += term * (log.x * log.x + log.xx);
-        sum.xy += term * (log.x * log.y + log.xy);
-        sum.yy += term * (log.y * log.y + log.yy);
+        sum.x += term * g.x;
+        sum.y += term * g.y;
+        sum.xx += term * (g.x * g.x + g.xx);
+        sum.xy += term * (g.x * g.y + g.xy);
+        sum.yy += term * (g.y * g.y + g.yy);
     }
 
     const PathLoss& channel_;

@@ -51,8 +51,8 @@ enum class LeakKind { single, largest, colluding };
 template <int UAVS>
 class Leak {
 public:
-    // The leak for a ground node, which does not listen to itself. `begin` is the index of this
-    // leak's first slack in Evaluation::leak_slacks, which all leaks share.
+    // The leak of what ground node `node` is sent, to all hearers except this node. `begin` is the
+    // index of this leak's first slack in Evaluation::leak_slacks, which all leaks share.
     Leak(const BarrierProblem& problem, int node, std::size_t begin)
         : slots_(problem.slots), begin_(begin), own_(find_own(problem, node)),
           eves_(problem.hearers() - (own_ < problem.hearers())), uavs_(problem.uavs),
@@ -70,9 +70,9 @@ public:
     // The index behind the last slack of this leak.
     std::size_t end() const { return begin_ + slots_ * eves_; }
 
-    // Find the exact leak of a slot in nats, without smoothing: the largest rate of a hearer, or
+    // Return a slot's leak in nats, without smoothing: the largest rate of a hearer, or
     // log(1 + sum of the SINRs) if hearers collude. `at` has the receptions of all hearers.
-    double find(const Reception* at) const {
+    double compute_exact(const Reception* at) const {
         if (kind_ == LeakKind::colluding) {
             double sinrs = 0.0;
             for (int e = 0; e < eves_; ++e) sinrs += at[hearer(e)].sinr();
@@ -83,11 +83,12 @@ public:
         return largest;
     }
 
-    // Add the leak of slot n to a sum, smoothed if it is the largest of several rates.
-    void evaluate(std::size_t n, const Reception* at, double mu, Evaluation& here,
+    // Add the leak of slot n to a sum. The largest of several rates is smoothed, and its slacks
+    // t - rate are put into here.leak_slacks.
+    void add_leak(std::size_t n, const Reception* at, double mu, Evaluation& here,
                   RateSum& sum) const {
         if (kind_ == LeakKind::single) return sum.add(at[0]);
-        if (kind_ == LeakKind::colluding) return sum.add(find(at));
+        if (kind_ == LeakKind::colluding) return sum.add(compute_exact(at));
         if (here.leak_slacks.size() < end()) here.leak_slacks.resize(end());
         double* slacks = &here.leak_slacks[first(n)];
         for (int e = 0; e < eves_; ++e) slacks[e] = at[hearer(e)].rate();
@@ -97,10 +98,10 @@ public:
     // Derivatives of the leak by the E hearers' rates, in the last slot of differentiate_by_rates.
     const Reals& by_rates() const { return by_rates_; }
 
-    // Find by_rates, the derivatives of slot n's leak by the rates r_e of the E hearers. Return the
-    // weights (E) of the rates' Hessians in the leak's Hessian. The largest rate has derivatives
-    // mu / slack_e, and the slacks' duals as weights (primal-dual method). Colluding hearers have
-    // e^r_e / (1 + sum of the SINRs) for both, and a single hearer has 1.
+    // Set by_rates_, the derivatives of slot n's leak by the rates r_e of its E hearers. Return the
+    // weights (E) of the rates' Hessians in the leak's Hessian. For the largest rate, derivatives
+    // are mu / slack_e, and weights are the slacks' duals (primal-dual method). For colluding
+    // hearers, both are e^r_e / (1 + sum of the SINRs). For a single hearer, both are 1.
     const double* differentiate_by_rates(std::size_t n, const Reception* at,
                                          const Iterate& iterate, double mu) {
         if (kind_ == LeakKind::largest) {
@@ -109,18 +110,19 @@ public:
             return &iterate.leak_duals[first(n)];
         }
         if (kind_ == LeakKind::colluding) {
-            const double inverse = std::exp(-find(at));
+            const double inverse = std::exp(-compute_exact(at));
             for (int e = 0; e < eves_; ++e)
                 by_rates_[e] = at[hearer(e)].total() / at[hearer(e)].interference * inverse;
         }
         return by_rates_.data();
     }
 
-    // Add to `hessian`, (V, V), a weight times sum_e w_e (g_e - mean) (g_e - mean)^T, the part of
-    // the leak's Hessian that comes from the gradients g_e of the hearers' rates. The mean is
-    // sum w_e g_e / sum w_e. Of the largest rate, w_e is dual / slack. Of colluding hearers, w_e is
-    // the leak's derivative by rate e, and the part is sum w_e g_e g_e^T - mean mean^T with the sum
-    // w_e g_e as mean. Needs differentiate_by_rates for slot n. `gradients` cover all hearers.
+    // Add to `hessian`, (V, V), `weight` times the part of the leak's Hessian that comes from the
+    // gradients g_e (V) of the hearers' rates. For the largest rate it is the sum of
+    // w_e (g_e - mean) (g_e - mean)^T with w_e = dual / slack and mean = sum w_e g_e / sum w_e. For
+    // colluding hearers it is sum w_e g_e g_e^T - mean mean^T, with mean = sum w_e g_e and the
+    // leak's derivatives w_e by the rates, from differentiate_by_rates for slot n. For a single
+    // hearer it is 0. `gradients` cover all hearers.
     void add_curvature(std::size_t n, const Iterate& iterate, double weight,
                        const double* gradients, double* hessian) {
         if (kind_ == LeakKind::single) return;
@@ -176,8 +178,7 @@ private:
     int size() const { return 3 * (UAVS ? UAVS : uavs_); }
     std::size_t first(std::size_t n) const { return begin_ + n * eves_; }
 
-    // The index of a ground node among the hearers. If the node does not listen, this is the
-    // number of hearers.
+    // A ground node's index among the hearers, or the number of hearers if it does not listen.
     static int find_own(const BarrierProblem& problem, int node) {
         const std::vector<int>& listeners = problem.receivers.listeners;
         return problem.eavesdroppers()

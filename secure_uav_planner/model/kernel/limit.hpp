@@ -55,9 +55,9 @@ public:
 
     // Find the vectors d and the slacks on a path, (M, U, 2). An ignored vector has slack 1.
     void find_slacks(const double* path, Slacks& slacks) const {
-        vectors_.find(path, false, slacks.vectors);
+        vectors_.compute_vectors(path, false, slacks.vectors);
         slacks.values.assign(count(), 1.0);
-        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+        for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             slacks.values[i] = line ? dot(line->normal, d) - line->offset
                                     : 1.0 - dot(d, d) / squares_[i];
         });
@@ -66,7 +66,7 @@ public:
     // Add the gradient of -mu sum log c to `gradient`, (N, U, 3). The slack of vector d is
     // c = normal . d - offset with a line, and c = 1 - |d|^2 / square without.
     void add_gradient(const Slacks& slacks, double mu, double* gradient) const {
-        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+        for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             const double force = mu / slacks.values[i];
             vectors_.add_gradient(
                 i, line ? -force * line->normal : force * (2.0 / squares_[i]) * d, gradient);
@@ -76,20 +76,20 @@ public:
     // Find the moves of the vectors d, and the slopes of the slacks c, for moves (M, U, 2) of the
     // path's points. c is normal . d - offset with a line, and 1 - |d|^2 / square without.
     void find_slopes(const Slacks& slacks, const double* moves, Slacks& slopes) const {
-        vectors_.find(moves, true, slopes.vectors);
+        vectors_.compute_vectors(moves, true, slopes.vectors);
         slopes.values.assign(count(), 0.0);
-        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+        for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             const Point move = slopes.vectors[i];
             slopes.values[i] =
                 line ? dot(line->normal, move) : -2.0 / squares_[i] * dot(d, move);
         });
     }
 
-    // Lower the step lengths of the UAVs, (U), so that a step takes at most FRACTION_TO_BOUNDARY of
-    // each slack and of each vector's longest move, if it has one.
+    // Lower the step lengths of the UAVs, (U), at most 1, so that a step takes at most
+    // FRACTION_TO_BOUNDARY of each slack and of each vector's longest move, if it has one.
     void limit_steps(const Slacks& slacks, const Slacks& slopes, double* lengths) const {
         const Reals& max_moves = slacks.lines->max_moves;
-        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+        for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             // After a step of length s the slack has fallen by a s^2 + 2 b s; a line's slack is
             // linear. So s is at most the positive root of a s^2 + 2 b s = c, without cancellation.
             const Point move = slopes.vectors[i];
@@ -111,9 +111,9 @@ public:
         });
     }
 
-    // Add dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2 of every slack.
+    // Add to the band dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2 of every slack c. `duals` are (I).
     void add_curvature(const Slacks& slacks, const Reals& duals, const Band& band) const {
-        for_counted(slacks, [&](std::size_t i, Point d, const Line* line) {
+        for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             const Point along = line ? line->normal : d;
             double outer = duals[i] / slacks.values[i], isotropic = 0.0;
             if (!line) {
@@ -127,9 +127,9 @@ public:
     }
 
 private:
-    // Call a function with every vector that is not ignored, and with its line or null.
+    // Call function(i, d, line) for every vector d that is not ignored; line is null without lines.
     template <typename Function>
-    void for_counted(const Slacks& slacks, Function function) const {
+    void for_limited(const Slacks& slacks, Function function) const {
         const std::vector<Line>& lines = slacks.lines->lines;
         for (std::size_t i = 0; i < count(); ++i)
             if (!ignored_[i])

@@ -62,6 +62,7 @@ Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const p
                    copy_points(constants, "constants", count), differences);
 }
 
+// Make the limit |d|^2 < square of I vectors d; `ignored` and `squares` are (I).
 std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& ignored,
                                   const py::buffer& squares) {
     return std::make_shared<Limit>(
@@ -69,7 +70,8 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
         copy_reals(squares, "squares", vectors.count()));
 }
 
-// `moves` and `weights` are (U, S), `terms` (U, 4), and `constants` (U).
+// Make the energies of U UAVs from S weighted moves of each: `moves` and `weights` are (U, S), and
+// `constants` (U). `terms`, (U, 4), are blade_slope, induced, induced_slope and drag of PowerTerms.
 std::shared_ptr<Energies> make_energies(const Vectors& moves, const py::buffer& weights,
                                         const py::buffer& terms, const py::buffer& constants) {
     const std::size_t uavs = count_entries(terms) / 4;
@@ -83,17 +85,17 @@ std::shared_ptr<Energies> make_energies(const Vectors& moves, const py::buffer& 
                                       copy_reals(constants, "constants", uavs));
 }
 
-// Fill `energies`, (U), with the energies on a path, (M, U, 2).
+// Fill `energies`, (U), with the energies on a path, (M, U, 2), as shares of their limits.
 void find_energies(const Energies& self, const py::buffer& path, const py::buffer& energies) {
     const std::size_t uavs = count_entries(energies);
     const Reals points = copy_reals(path, "path", (self.moves().slots() + 2) * 2 * uavs);
     Reals values;
-    self.find(points.data(), values);
+    self.compute_energies(points.data(), values);
     const Array<double> filled(energies, "energies", values.size());
     std::copy(values.begin(), values.end(), filled.data());
 }
 
-// `ignored` has the flags of all control points, (M, G, K).
+// Make pieces (M, G) of K control points. `ignored` (M, G, K): which control points do not vary.
 Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
     const Array<const bool> flags(ignored, "ignored", control_points.count());
     expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2
@@ -125,6 +127,8 @@ std::shared_ptr<SeparationLimit> make_separation_limit(
     return std::make_shared<SeparationLimit>(pieces, copy_reals(radii, "radii", pieces.pairs));
 }
 
+// Make the limit that keeps the curves of G pairs at normal . p > offset, with a side of the fence
+// for each pair: `normals` are (G, 2), and `offsets` (G). `ignored` is (M, G, K).
 std::shared_ptr<FenceLimit> make_fence_limit(const Vectors& control_points,
                                              const py::buffer& ignored, const py::buffer& normals,
                                              const py::buffer& offsets) {
@@ -157,7 +161,8 @@ void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buff
     }
 }
 
-// Evaluate all methods of a limit for a path and moves of its points: for tests.
+// Evaluate all methods of a limit for mu = 1 and duals 1 / slack, for a path, (M, U, 2), and moves
+// of its points, (M, U, 2): for tests. core.pyi lists the answer.
 py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::buffer& moves) {
     const Array<const double> point(path, "path"), move(moves, "moves");
     expect(point.axes() == 3 && point.shape(2) == 2, "path");

@@ -44,7 +44,7 @@ public:
             } else {
                 length = uniform * std::ldexp(1.0, CLIPPED_TRIALS - trial);
                 expected = length * slope;
-                move(iterate, step, constraints, length);
+                move_uniformly(iterate, step, constraints, length);
             }
             if (expected < 0.0 && evaluate() <= bound + ARMIJO * expected) return length;
         }
@@ -55,17 +55,17 @@ public:
 
 private:
     // Set the trial to the iterate plus the step times one length for all variables.
-    void move(const Iterate& iterate, const Reals& step, const Constraints<UAVS>& constraints,
-              double length) {
+    void move_uniformly(const Iterate& iterate, const Reals& step,
+                        const Constraints<UAVS>& constraints, double length) {
         for (std::size_t i = 0; i < x.size(); ++i) x[i] = iterate.x[i] + length * step[i];
         for (std::size_t i = 0; i < shares.size(); ++i)
             shares[i] = iterate.shares[i] + length * constraints.share_slopes()[i];
     }
 
     // Set the trial to the iterate plus `length` times the step, but stop every power, every flight
-    // and the shares of every slot at its own limit. Return gradient . (trial - iterate), the
-    // expected change of the barrier function. `step` and `gradient` are of x, (N, U, 3), and
-    // behind it of the shares, (N, G - 1).
+    // and the shares of every slot at its own limit. A power changes by at most POWER_FACTOR.
+    // Return gradient . (trial - iterate), the expected change of the barrier function. `step` and
+    // `gradient` are of x, (N, U, 3), and behind it of the shares, (N, G - 1).
     double move_clipped(const Iterate& iterate, const Reals& step, const Reals& gradient,
                         const Constraints<UAVS>& constraints, double length) {
         const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);
@@ -86,11 +86,11 @@ private:
         for (std::size_t first = 0; first < shares.size(); first += p_.nodes()) {
             const double* from = iterate.shares + first;
             const double* changes = &constraints.share_slopes()[first];
-            double own = length;
-            for (int k = 0; k < p_.nodes(); ++k) limit_step(own, from[k], changes[k]);
+            double in_slot = length;
+            for (int k = 0; k < p_.nodes(); ++k) limit_step(in_slot, from[k], changes[k]);
             for (int k = 0; k < p_.nodes(); ++k) {
-                shares[first + k] = from[k] + own * changes[k];
-                if (k > 0) of_shares += own * changes[k] * gradient[i++];
+                shares[first + k] = from[k] + in_slot * changes[k];
+                if (k > 0) of_shares += in_slot * changes[k] * gradient[i++];
             }
         }
         return expected + of_shares;

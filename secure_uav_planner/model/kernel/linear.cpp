@@ -10,8 +10,8 @@ namespace {
 // Least ratio of a pivot of one row and the largest entry beside it, (1 + sqrt(17)) / 8.
 constexpr double PIVOT_RATIO = 0.6403882032022076;
 
-// Return the column, from k on, of the largest entry of a row beside the diagonal, or the row's own
-// if those entries are 0.
+// Return the column, from k on, of a row's entry off the diagonal with the largest absolute value,
+// or `row` if all these entries are 0.
 int find_largest(const double* matrix, int size, int k, int row) {
     int largest = row;
     double most = 0.0;
@@ -24,8 +24,10 @@ int find_largest(const double* matrix, int size, int k, int row) {
     return largest;
 }
 
-// Return the two rows, from k on, of a rook pivot, or one row twice for a pivot of one row. A rook
-// pivot's entry is the largest beside the diagonal in both rows. No multiplier exceeds 2.8.
+// Return the two rows, from k on, of the next pivot, or one row twice for a pivot of one row. One
+// row suffices if the largest diagonal entry is at least PIVOT_RATIO times the largest other entry
+// of this row. Otherwise it is a rook pivot: the entry that both rows have in common is the largest
+// off the diagonal in both. No multiplier exceeds 2.8.
 std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     const auto entry = [=](int i, int j) { return std::fabs(matrix[i * size + j]); };
     int first = k;
@@ -41,8 +43,8 @@ std::pair<int, int> choose_pivot(const double* matrix, int size, int k) {
     }
 }
 
-// Eliminate row k of a symmetric matrix from the rows below. Return the shift that makes its pivot
-// 0 if that is negative, and put into column k, from row k on, the vector that is shifted.
+// Eliminate row k of a symmetric matrix from the rows below. Return -pivot, the shift to 0, for a
+// negative pivot, otherwise 0. From row k on, column k of the matrix becomes column k of L.
 double eliminate_row(double* matrix, int size, int k) {
     double* upper = matrix + k * size;
     const double pivot = upper[k];
@@ -60,7 +62,7 @@ double eliminate_row(double* matrix, int size, int k) {
 
 // Eliminate rows k and k + 1, whose block (p, q; q, r) has one negative eigenvalue, from the rows
 // below. Return minus this eigenvalue, which is the shift that makes it 0. Put into column k, from
-// row k on, the vector L v that belongs to the shift, where v = (x, y) is the eigenvector.
+// row k on, the vector L v that belongs to the shift, where v = (x, y) is the unit eigenvector.
 double eliminate_pair(double* matrix, int size, int k) {
     double *upper = matrix + k * size, *lower = upper + size;
     const double p = upper[k], q = upper[k + 1], r = lower[k + 1], inverse = 1.0 / (p * r - q * q);
@@ -83,9 +85,9 @@ double eliminate_pair(double* matrix, int size, int k) {
 // Factor a symmetric matrix A, (size, size), as P A P^T = L D L^T, where D has blocks of one or two
 // rows (Ashcraft, Grimes and Lewis, 1998). Row i of P A P^T is row order[i] of A.
 //
-// Fill `shifts` with what makes the negative eigenvalues of D zero (Cheng and Higham, 1998), and
-// with 0 for other eigenvalues. Column k of the matrix becomes, from the diagonal on, the vector to
-// which shift k belongs.
+// Put into `shifts`, zeros before, minus each negative eigenvalue of D (Cheng and Higham, 1998).
+// Column k of the matrix becomes, from the diagonal on, the vector l_k such that adding
+// shifts[k] l_k l_k^T to P A P^T makes the eigenvalue 0.
 void factor_with_pivots(double* matrix, int size, int* order, double* shifts) {
     std::iota(order, order + size, 0);
     for (int k = 0, rows; k < size; k += rows) {
@@ -105,8 +107,8 @@ void factor_with_pivots(double* matrix, int size, int* order, double* shifts) {
     }
 }
 
-// Add to the lower triangle of `sum` shifts[k] times the outer product of column k of a factored
-// matrix, for all k. `vector` holds `size` numbers.
+// Add to the lower triangle of `sum` shifts[k] times the outer product of column k, from row k on,
+// of a factored matrix, for all k. `vector` is space for `size` numbers.
 void add_shifts(const double* factored, int size, const double* shifts, double* vector,
                 double* sum) {
     for (int k = 0; k < size; ++k) {
@@ -124,7 +126,7 @@ void add_shifts(const double* factored, int size, const double* shifts, double* 
 
 // Replace A, given by its lower triangle, by a positive semidefinite modification E so that A + E
 // is positive semidefinite: E makes the negative eigenvalues of D in P A P^T = L D L^T zero.
-// `space` holds a copy of A, P E P^T, a vector and the shifts.
+// `space`, size * (2 size + 2) numbers, gets a copy of A, P E P^T, a vector and the shifts.
 void find_modification(double* matrix, int size, double* space) {
     double *a = space, *sum = a + size * size, *vector = sum + size * size, *shifts = vector + size;
     for (int i = 0; i < size; ++i)
@@ -139,7 +141,8 @@ void find_modification(double* matrix, int size, double* space) {
                 sum[i * size + j];
 }
 
-// Gaussian elimination with row pivots; the solution replaces the right side.
+// Solve matrix x = right by Gaussian elimination with row pivots; x replaces the right side. The
+// matrix, (size, size), is overwritten. Return false if the matrix is singular.
 bool solve_dense(double* matrix, double* right, int size) {
     for (int i = 0; i < size; ++i) {
         int pivot = i;

@@ -18,12 +18,10 @@ constexpr int SINGLE_SLOTS = 3, ALL_SLOTS = 12;
 // Shifts of the diagonal, over its largest entry, that are tried when all slots are convex.
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
 
-// Replace a symmetric matrix (size, size), given by its lower triangle, by a positive semidefinite
-// matrix whose sum with it is positive semidefinite, too. `space` holds size * (2 * size + 2)
-// numbers.
+// Replace a symmetric matrix A by a positive semidefinite E so that A + E is positive semidefinite.
 void find_modification(double* matrix, int size, double* space);
 
-// Solve a small dense system in place by elimination with row pivots; return false if singular.
+// Solve a small dense system in place; return false if it is singular.
 bool solve_dense(double* matrix, double* right, int size);
 
 inline bool is_finite(const double* numbers, std::size_t count) {
@@ -39,15 +37,16 @@ inline void subtract_rows(double of_a, const double* a, double of_b, const doubl
 }
 
 // Factor a symmetric band matrix as L D L^T from column `from` on; columns before it are factored
-// already. Return the column at which the matrix is not positive definite, or -1.
+// already. Return the first column whose pivot is not positive, or -1. `bandwidth`, the number of
+// rows below the diagonal, is used only if BELOW is 0; otherwise it is BELOW.
 //
 // Storage: column j of the lower triangle begins at j * height and has rows j to j + below, so
 // height = below + 1. A pointer shifted by -k to column j + k has the entry of row j + i at index
-// i. `below` more columns of zeros follow the last. The first entry of a factored column is 1 / D.
+// i. `below` more columns of zeros follow the last. A factored column is 1 / D, then L's entries.
 //
-// In wide bands the three columns of a UAV in a slot are subtracted at once, so that later columns
-// are read and written once. In narrow bands loops of a few passes are unrolled. Multipliers of
-// powers of the next slot are 0, because powers are coupled only in their own slot.
+// In wide bands the three columns of a UAV in a slot are subtracted from later columns at once, so
+// that later columns are read and written once. In narrow bands loops of a few passes are unrolled.
+// Multipliers of 0 are skipped, such as for powers of the next slot: slots do not couple powers.
 template <int BELOW>
 std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t columns,
                            int bandwidth, std::ptrdiff_t from) {
@@ -85,8 +84,9 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
         }
     };
     for (std::ptrdiff_t begin = from, end; begin < columns; begin = end) {
-        const bool whole = WIDE && begin % 3 == 0;  // Whether it is the first column of a UAV.
-        end = begin + (whole ? 3 : 1);
+        // Whether to factor a UAV's three columns, begin, begin + 1 and begin + 2, together.
+        const bool together = WIDE && begin % 3 == 0;
+        end = begin + (together ? 3 : 1);
         for (std::ptrdiff_t j = begin; j < end; ++j) {
             std::copy(band + (j + below) * height, band + (j + height) * height,
                       factor + (j + below) * height);
@@ -94,9 +94,9 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
                 scale(begin, j);
                 return j;
             }
-            subtract(j, whole ? int(end - j) - 1 : below);
+            subtract(j, together ? int(end - j) - 1 : below);
         }
-        if (whole) {
+        if (together) {
             // Columns begin, begin + 1 and begin + 2, shifted so that a[k], b[k] and c[k] are the
             // entries of row begin + k. They end with rows begin + below, + 1 and + 2.
             const double *a = factor + begin * height, *b = a + below, *c = b + below;
@@ -120,9 +120,10 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
     return -1;
 }
 
-// Divide several right sides, (columns + below, sides), by the L of a factor: forward substitution.
-// BELOW is the bandwidth, and SIDES the number of sides, if known when compiling, or 0. The columns
-// j, j + 1, j + 2 of a UAV in a slot are subtracted at once: a[k], b[k], c[k] are in row j + k.
+// Replace right sides B, (columns + below, sides), by L^-1 B with a factor's L: forward
+// substitution. BELOW is the bandwidth, and SIDES the number of sides, if known when compiling, or
+// 0. The three columns a, b and c of a UAV in a slot, j, j + 1 and j + 2, are subtracted at once:
+// a[k], b[k] and c[k] are in row j + k.
 template <int BELOW, int SIDES>
 void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right,
                      int right_sides) {
@@ -144,12 +145,12 @@ void divide_by_lower(const double* factor, std::ptrdiff_t columns, int bandwidth
     }
 }
 
-// Divide a right side, (columns + below), by L^T: back substitution. column[k] is in row j + k.
+// Replace a right side b, (columns + below), by L^-T b with a factor's L: back substitution.
 template <int BELOW>
 void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth, double* right) {
     const int below = BELOW ? BELOW : bandwidth;
     for (std::ptrdiff_t j = columns - 1; j >= 0; --j) {
-        const double* column = factor + j * (below + 1);
+        const double* column = factor + j * (below + 1);  // column[k] is in row j + k.
         double sum = 0.0;
         for (int k = below; k > 0; --k) sum += column[k] * right[j + k];
         right[j] -= sum;
@@ -162,8 +163,8 @@ void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth
 template <int UAVS>
 class NewtonSystem {
 public:
-    // Make a system for `uavs` UAVs, `shares` variable shares in each slot and a number of dense
-    // rows. `unit` is the unit of the objective.
+    // Reserve memory for `uavs` UAVs, `shares` variable shares in each slot and a number of dense
+    // rows. `unit` is the unit of the objective, in which the first shift of the diagonal is.
     NewtonSystem(std::size_t slots, int uavs, int shares, int dense_rows, int bandwidth,
                  double unit)
         : slots_(slots), count_(uavs), shares_(shares), rows_(dense_rows), below_(bandwidth),
@@ -190,9 +191,9 @@ public:
         add_block(n, (shares_ ? &eliminated_[0] : &blocks[0]) + n * W * W);
     }
 
-    // Find the Newton step: minus the inverse of the Hessian times the gradient, where the Hessian
-    // is first made positive definite. Return false if this fails or is stopped. Each of R dense
-    // rows adds its outer product, divided by its ratio, to the Hessian.
+    // Fill `step` with minus the inverse of the Hessian times the gradient, where the Hessian is
+    // first made positive definite. Return false if this fails or is stopped. The Hessian is the
+    // band plus row row^T / ratio of each of R dense rows; `ratios` are (R).
     bool solve(const double* gradient, const double* ratios, double* step,
                const std::atomic<bool>& stop) {
         if (!is_finite(band.data(), band.size()) || !factor_positive_definite(stop)) return false;
@@ -263,8 +264,8 @@ private:
     }
 
     // Find the step -(B + sum_r row_r row_r^T / ratio_r)^-1 gradient with the factored band B and R
-    // dense rows, by Woodbury's formula; return false if it is not finite. `step` has x, (N, V),
-    // and behind it shares, (N, S). ROWS is R if it is known when compiling, or 0 for any number.
+    // dense rows, by Woodbury's formula; return false if no finite step exists. `step` has x,
+    // (N, V), and behind it shares, (N, S). ROWS is R if known when compiling, or 0 for any number.
     template <int ROWS>
     bool solve_factored(const double* gradient, const double* ratios, double* step) {
         fill_right_sides<ROWS>(gradient);
@@ -319,8 +320,8 @@ private:
     }
 
     // Return the multiplier of each dense row, (R), by Woodbury's formula: the solution of
-    // (diag(ratios) + Y^T D^-1 Y) multipliers = Y^T D^-1 y, where y is the gradient's right side
-    // and Y (variables, R) the dense rows', after forward substitution. Null if it is singular.
+    // (diag(ratios) + Y^T D^-1 Y) multipliers = Y^T D^-1 y. The right sides of the gradient and of
+    // the dense rows are y and Y (variables, R) after forward substitution. Null if it is singular.
     template <int ROWS>
     const double* find_row_multipliers(const double* ratios) {
         const int R = row_count<ROWS>();
@@ -328,10 +329,10 @@ private:
         double *products = space_.data(), *right = products + R * R;
         std::fill(products, right + R, 0.0);
         const auto add_products = [&](const double* row, double inverse) {
-            for (int u = 0; u < R; ++u) {
-                const double scaled = row[1 + u] * inverse;
-                right[u] += scaled * row[0];
-                for (int s = 0; s <= u; ++s) products[u * R + s] += scaled * row[1 + s];
+            for (int r = 0; r < R; ++r) {
+                const double scaled = row[1 + r] * inverse;
+                right[r] += scaled * row[0];
+                for (int s = 0; s <= r; ++s) products[r * R + s] += scaled * row[1 + s];
             }
         };
         for (std::size_t i = 0; i < columns; ++i)
@@ -340,24 +341,23 @@ private:
             for_pivots(n, [&](int j, const double* multipliers) {
                 add_products(share_right(n, j), multipliers[j]);
             });
-        for (int u = 0; u < R; ++u) {
-            for (int s = 0; s < u; ++s) products[s * R + u] = products[u * R + s];
-            products[u * R + u] += ratios[u];
+        for (int r = 0; r < R; ++r) {
+            for (int s = 0; s < r; ++s) products[s * R + r] = products[r * R + s];
+            products[r * R + r] += ratios[r];
         }
         return solve_dense(products, right, R) ? right : nullptr;
     }
 
-    // Return (row[0] - sum_r row[1 + r] multipliers[r]) / pivot for a variable's 1 + R right sides
-    // in `row`: of the gradient, then of R dense rows.
+    // Return (row[0] - sum_r row[1 + r] multipliers[r]) * inverse_pivot for a variable's 1 + R
+    // right sides in `row`: of the gradient, then of R dense rows.
     static double combine_sides(int R, const double* multipliers, const double* row,
                                 double inverse_pivot) {
         double change = row[0];
-        for (int u = 0; u < R; ++u) change -= row[1 + u] * multipliers[u];
+        for (int r = 0; r < R; ++r) change -= row[1 + r] * multipliers[r];
         return change * inverse_pivot;
     }
 
-    // Back substitution: find share j's step from the steps of x and of shares before j in its
-    // slot.
+    // Back substitution: find share j's step from the steps of x and of the slot's earlier shares.
     void find_share_steps(int R, const double* row_multipliers, double* step) {
         for (std::size_t n = 0; n < slots_; ++n)
             for (int j = size(); j < width(); ++j) {
@@ -372,9 +372,8 @@ private:
     }
 
     // Add to the band what makes a slot's block positive semidefinite. find_modification replaces
-    // its argument by the matrix to add. Without shares this goes to the band. With shares it is
-    // added to the block, the shares are eliminated again, and the change of the reduced block goes
-    // to the band.
+    // its argument by the matrix to add. Without shares this goes to the band. With shares it goes
+    // to the block, shares are eliminated again, and the reduced block's change goes to the band.
     void make_convex(std::size_t n) {
         const int W = width();
         double* block = &blocks[n * W * W];
@@ -394,17 +393,19 @@ private:
 
     // Factor the band after making it positive definite with few changes; false if that fails.
     //
-    // First, the blocks of the slots where the factorisation fails and of their neighbours are
-    // made positive semidefinite. This ends, because all limits' terms are convex. Then the
-    // diagonal is shifted if rounding still makes the factorisation fail.
+    // FIRST_SHIFT units are added to the diagonal. When the factorisation fails in a slot, the
+    // blocks of this slot and its neighbours, at first one on each side, are made positive
+    // semidefinite. If they are so already, or after ALL_SLOTS failures, this is done in all slots.
+    // Then only rounding can make the factorisation fail, because all limits' terms are convex. If
+    // it does, the diagonal is raised by SHIFTS of its largest entry, one after the other.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;
         std::fill(convex_.begin(), convex_.end(), 0);
-        std::ptrdiff_t left = slots;
+        std::ptrdiff_t not_convex = slots;  // Number of slots whose blocks are as they were.
         for (std::ptrdiff_t j = 0; j < slots * V; ++j) band[j * height()] += FIRST_SHIFT * unit_;
         std::ptrdiff_t begin = 0;  // The first column that has changed.
-        for (int failures = 0; left; ++failures) {
+        for (int failures = 0; not_convex; ++failures) {
             if (stop) return false;
             const std::ptrdiff_t failed = factor(begin);
             if (failed < 0) return true;
@@ -424,7 +425,7 @@ private:
             for (std::ptrdiff_t n = first; n <= last; ++n) {
                 if (convex_[n]) continue;
                 convex_[n] = 1;
-                --left;
+                --not_convex;
                 begin = std::min(begin, n * V);
                 make_convex(n);
             }
@@ -440,9 +441,9 @@ private:
         return false;
     }
 
-    // Call a function with the bandwidth as a compile-time constant if it is one of three common
-    // ones, and with 0 for any other. The three couple a point with the next point, without and
-    // with separation, and with the next two points.
+    // Call a function with the bandwidth as a compile-time constant if it is one of three, and with
+    // 0 for any other. V + 1 couples a point with the next one, 2 V + 1 with the next two, and
+    // 2 V - 2 with the next ones of all UAVs, by separation.
     template <typename Function>
     auto with_bandwidth(Function function) {
         constexpr int V = 3 * UAVS;
@@ -453,7 +454,7 @@ private:
         return function(std::integral_constant<int, 0>());
     }
 
-    // Factor the band from a column on; return the column at which this fails, or -1.
+    // Factor the band from a column on; return the first column whose pivot is not positive, or -1.
     std::ptrdiff_t factor(std::ptrdiff_t from) {
         return with_bandwidth([this, from](auto below) {
             return factor_band<below.value>(band.data(), factor_.data(), slots_ * size(), below_,

@@ -33,11 +33,11 @@ public:
     int controls() const { return controls_; }
     bool has_lines() const override { return true; }
 
-    // Choose a line for each piece of the curves on a path, (M, U), which separates the piece from
-    // what it must clear. `lines` has the line once for each control point of the piece.
+    // Choose a line for each piece of the curves on a path, (M, U, 2), which separates the piece
+    // from what it must clear. lines.lines, (M, G, K), has a piece's line K times.
     void choose_lines(const double* path, LineSet& lines) const override {
         std::vector<Point> points;
-        vectors().find(path, false, points);
+        vectors().compute_vectors(path, false, points);
         lines.lines.resize(count());
         for (std::size_t first = 0; first < count(); first += pairs_ * controls_)
             choose_lines_at(first, &points[first], lines);
@@ -92,11 +92,11 @@ private:
 };
 
 // Return the vector to a point from the nearest point of the edge begin-end.
-inline Point subtract_edge(Point begin, Point end, Point point) {
+inline Point vector_from_edge(Point begin, Point end, Point point) {
     const Point along = end - begin, offset = point - begin;
     const double square = std::max(dot(along, along), TINY);
-    const double share = std::min(std::max(dot(offset, along) / square, 0.0), 1.0);
-    return offset - share * along;
+    const double scale = std::min(std::max(dot(offset, along) / square, 0.0), 1.0);
+    return offset - scale * along;
 }
 
 // Tangents of the discs that differences of UAVs stay out of.
@@ -106,15 +106,14 @@ public:
         : LineLimit(pieces), radii_(std::move(radii)) {}
 
 protected:
-    // Set every pair's line to a tangent of the disc around the origin with the pair's radius. The
-    // piece is the difference of two UAVs' curves, and must be outside of the disc. The tangent's
-    // normal points to the piece's point nearest to the origin.
+    // Set every pair's line to a tangent of the disc around the origin with the pair's radius. A
+    // piece, the difference of two UAVs' curves, must be outside of the disc. The tangent's normal
+    // points from the origin to the nearest point of the piece's edges.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         for (std::size_t pair = 0; pair < pairs_; ++pair) {
             const Point* piece = pieces + pair * controls_;
             Point direction = find_nearest(piece, controls_);
-            // If the origin is on the piece's boundary, the vector has no direction, and the
-            // piece's middle gives one.
+            // If the origin is on the piece's edge, the piece's middle gives the direction.
             if (!(std::sqrt(dot(direction, direction)) > ZERO_LENGTH))
                 direction = mean_point(piece, controls_);
             const double length = std::sqrt(dot(direction, direction));
@@ -127,12 +126,12 @@ protected:
 private:
     static constexpr double ZERO_LENGTH = 1e-12;  // A shorter vector has no direction.
 
-    // Find the point of the boundary of a line or triangle that is nearest to the origin.
+    // Find the point nearest to the origin on a piece's edges: of a segment, or of a polygon.
     static Point find_nearest(const Point* piece, int count) {
         Point nearest{};
         double least = INFINITE;
         for (int k = 0; k < (count == 2 ? 1 : count); ++k) {
-            const Point to_origin = subtract_edge(piece[k], piece[(k + 1) % count], {0.0, 0.0});
+            const Point to_origin = vector_from_edge(piece[k], piece[(k + 1) % count], {0.0, 0.0});
             const double square = dot(to_origin, to_origin);
             if (square >= least) continue;
             least = square;
@@ -147,8 +146,8 @@ private:
 // Lines to the nearest of Z convex polygons for each of A UAVs.
 class ZoneLimit : public LineLimit {
 public:
-    // `polygons` (A, Z, V) are counter-clockwise; the last vertex may be repeated. The pairs of a
-    // UAV follow each other, one for each of its lines; every UAV has the same number of lines.
+    // `polygons` (A, Z, V) are the zones of A UAVs, counter-clockwise; the last vertex may be
+    // repeated. The G pairs are sorted by UAV; G / A pairs and lines belong to each UAV.
     ZoneLimit(const Pieces& pieces, std::vector<Point> polygons, int zoned_uavs, int zones,
               int vertices)
         : LineLimit(pieces), polygons_(std::move(polygons)), zoned_uavs_(zoned_uavs),
@@ -158,8 +157,8 @@ public:
     }
 
 protected:
-    // Set each UAV's lines to its nearest zones. With more zones than lines, limit the moves of the
-    // piece to the clearance of the nearest zone that has no line.
+    // Set each UAV's lines to tangents of its nearest zones. With more zones than lines, also set
+    // lines.max_moves to the clearance of the nearest zone without a line: no step may reach it.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         std::vector<Line> candidates(zones_);
         Reals clearances(zones_);
@@ -195,9 +194,9 @@ private:
     static constexpr double TOUCHING = 1e-9;  // Least distance of points that gives a direction.
 
     // Return a tangent of a polygon with the piece on its other side, and set `clearance` to the
-    // piece's least distance beyond it. A cheap tangent is tried first: its normal points from the
-    // polygon's centre to the piece's middle. With a clearance below `near`, the tangent with the
-    // largest clearance, by `separate`, is returned instead.
+    // piece's least distance beyond it, which is negative if they overlap. A cheap tangent is tried
+    // first: its normal points from the polygon's centre to the piece's middle. With a clearance
+    // below `near`, the tangent with the largest clearance, by `separate`, is returned instead.
     Line find_line(const Point* piece, Point middle, double near, std::size_t polygon,
                    double& clearance) const {
         const Point* vertices = &polygons_[polygon * vertices_];
@@ -215,7 +214,7 @@ private:
 
     // Return the tangent of a convex polygon that separates it from a piece, with the largest
     // clearance of the piece: its normal is the vector from the polygon's point nearest to the
-    // piece to the piece's nearest point. If both overlap, return the line by minimise_shift.
+    // piece to the piece's nearest point. If both overlap or touch, return minimise_shift's line.
     Line separate(const Point* piece, const Point* polygon) const {
         Point nearest{};
         double least = INFINITE;
@@ -228,10 +227,10 @@ private:
         const int count = controls_;
         for (int v = 0; v < vertices_; ++v)
             for (int k = 0; k < count; ++k)
-                compare(subtract_edge(polygon[v], polygon[(v + 1) % vertices_], piece[k]));
+                compare(vector_from_edge(polygon[v], polygon[(v + 1) % vertices_], piece[k]));
         for (int k = 0; k < count; ++k)
             for (int v = 0; v < vertices_; ++v)
-                compare(-1.0 * subtract_edge(piece[k], piece[(k + 1) % count], polygon[v]));
+                compare(-1.0 * vector_from_edge(piece[k], piece[(k + 1) % count], polygon[v]));
         Line line;
         const double inverse = 1.0 / std::sqrt(std::max(least, TINY));
         line.normal = inverse * nearest;
@@ -240,11 +239,12 @@ private:
         return minimise_shift(piece, polygon);
     }
 
-    // Find the line parallel to an edge of piece or polygon beyond which the piece, which overlaps
-    // the polygon, must be moved least.
+    // Return the line that separates overlapping piece and polygon after the least shift: of the
+    // polygon's tangents parallel to an edge of piece or polygon, the tangent with the largest
+    // clearance, which is minus the shift.
     Line minimise_shift(const Point* piece, const Point* polygon) const {
         Line best{{0.0, 0.0}, 0.0};
-        double most = -INFINITE;
+        double most = -INFINITE;  // The clearance of `best`.
         const auto compare = [&](Point along) {
             const double length = std::sqrt(dot(along, along));
             if (length <= 1e-12) return;
@@ -258,6 +258,7 @@ private:
         };
         const int count = controls_;
         for (int v = 0; v < vertices_; ++v) compare(polygon[(v + 1) % vertices_] - polygon[v]);
+        // The piece may be clockwise, so both normals of its edges are tried.
         for (int k = 0; k < count; ++k) compare(piece[(k + 1) % count] - piece[k]);
         for (int k = 0; k < count; ++k) compare(piece[k] - piece[(k + 1) % count]);
         return best;

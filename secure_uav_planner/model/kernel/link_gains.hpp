@@ -16,8 +16,7 @@ struct Gain {
 
 // The gain of every link over the noise power, as a function of the squared horizontal distance.
 //
-// Links are numbered k U + u, from UAV u to receiver k, the ground node being receiver 0. A gain
-// must fall with the distance.
+// Link k U + u is from UAV u to receiver k. A gain must fall with the distance.
 class LinkGains {
 public:
     // Whether the gain may have a kink at distance 0, which the barrier function then rounds.
@@ -77,7 +76,8 @@ public:
     };
 
     // `snr`, `squared_altitudes` (H^2), `losses` (kappa), `steepness` and `shift`, one for each
-    // link. A link that always has a line of sight has kappa = 1.
+    // link. A link that always has a line of sight has kappa = 1. `quantile`: whether M is the
+    // smoothed quantile and not the mean.
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
              std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
              double exponent, bool quantile)
@@ -113,7 +113,8 @@ public:
         return {value, value * first, value * (second + first * first)};
     }
 
-    // Bound the derivatives of log gain between two distances; infinite if a kink is between them.
+    // Bound the sizes of the first three derivatives of log gain along any line on the ground,
+    // between the horizontal distances `near` and `far`; infinite if near = 0 and M varies.
     //
     // Along a line, with D = d^2 + H^2 and the cosine c between line and offset, (log D)' =
     // 2 d c / D, |(log D)''| <= 2 / D and |(log D)'''| <= 4 / D^(3/2). Of theta = arctan(H / d),
@@ -164,16 +165,18 @@ private:
         return 1.0 / (1.0 + std::exp(-z(link, squared)));
     }
 
-    // Return M at a squared distance, with the derivatives of log M by z.
+    // Return M at a squared distance, with the first two derivatives of log M by z. The mean is
+    // M = kappa + (1 - kappa) P, the quantile is M = kappa^(1 - S).
     Sight sight(std::size_t link, double squared) const {
         const double loss = losses_[link];
         if (quantile_) {
-            const double at = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - at;
-            const double scale = -std::log(loss), product = at * rest;
+            const double clamped = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - clamped;
+            const double scale = -std::log(loss), product = clamped * rest;
             // 1 - S by its own formula, which loses no digit where 1 - S is small.
-            const double missing = rest * rest * rest * (1.0 + 3.0 * at + 6.0 * at * at);
+            const double missing =
+                rest * rest * rest * (1.0 + 3.0 * clamped + 6.0 * clamped * clamped);
             return {std::exp(-scale * missing), scale * 30.0 * product * product,
-                    scale * 60.0 * product * (rest - at)};
+                    scale * 60.0 * product * (rest - clamped)};
         }
         const double likely = probability(link, squared);
         const double factor = loss + (1.0 - loss) * likely;
@@ -181,16 +184,17 @@ private:
         return {factor, first, first * (1.0 - 2.0 * likely - first)};
     }
 
-    // Bounds of the derivatives of log M by z between two distances. P' = P (1 - P), and no
-    // further derivative of P is larger.
+    // Bound the first three derivatives of log M by z between two distances, for the mean M =
+    // kappa + (1 - kappa) P. P' = P (1 - P), and no further derivative of P is larger.
     LogBounds bound_mean(std::size_t link, double near, double far) const {
         const double loss = losses_[link];
         const double most = probability(link, near * near);
         const double least = probability(link, far * far);
-        const double share = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
-        return {share, share * (1.0 + share), share * (1.0 + share * (3.0 + 2.0 * share))};
+        const double first = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
+        return {first, first * (1.0 + first), first * (1.0 + first * (3.0 + 2.0 * first))};
     }
 
+    // Bound the first three derivatives of log M by z between two distances, for M = kappa^(1 - S).
     // The derivatives of S are polynomials: each is largest at an end or where the next one is 0.
     LogBounds bound_quantile(std::size_t link, double near, double far) const {
         const double low = std::max(z(link, far * far), 0.0);

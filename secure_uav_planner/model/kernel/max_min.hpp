@@ -32,73 +32,35 @@ public:
         return sums;
     }
 
-    // Find the nodes' slacks mean - eta, and return -N max over eta of (eta + mu sum log(slack /
-    // mu)), minus N times the smoothed least mean. A node's mean is (offset + mean over the slots
-    // of share (rate - leak)) / weight; node_rates are (rate - leak) / weight. `shares` are (N, G).
+    // Return -N times the smoothed least mean, max over eta of eta + mu sum log((mean - eta) / mu).
+    // Set here.node_slacks to mean - eta of each node at the best eta. The mean of a node is
+    // (offset + mean over the slots of share (rate - leak)) / weight, and here.node_rates, (N, G),
+    // are (rate - leak) / weight. `shares` are (N, G).
     double evaluate(const double* shares, double mu, Evaluation& here) const {
         Reals& slacks = here.node_slacks;
         slacks = sum_offsets();
         for (std::size_t i = 0; i < slots_ * nodes_; i += nodes_)
             for (int k = 0; k < nodes_; ++k) slacks[k] += shares[i + k] * here.node_rates[i + k];
+        // Minus the means, because solve_epigraph smooths the largest value.
         for (double& slack : slacks) slack /= -double(slots_);
         LogSum gaps;
-        const double largest = solve_epigraph(slacks.data(), nodes_, mu, gaps);
-        return double(slots_) * (largest - mu * gaps.total());
+        const double minus_eta = solve_epigraph(slacks.data(), nodes_, mu, gaps);
+        return double(slots_) * (minus_eta - mu * gaps.total());
     }
 
-    // Find the shares, (N, G), that minimise the barrier function for the rates of an evaluation.
-    // In the dual problem each node has a price, and the prices add up to 1. For given prices,
-    // `share_slot` finds the shares of each slot alone. Newton's method finds the prices, while the
-    // barrier parameter `level` falls to mu.
+    // Find the shares, (N, G), that minimise the barrier function for the rates here.node_rates.
+    // In the dual problem each node has a price, and the prices add up to 1. For given prices, each
+    // slot has shares of its own. Newton's method finds the prices, while the barrier parameter
+    // `level` falls to mu, by the factor SHARES_MU_FACTOR.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
-        const int G = nodes_, H = G + 1;
-        const Reals offsets = sum_offsets();
-        Reals prices(G, 1.0 / G), slacks(G), matrix(H * H), right(H);
-        const auto share_slot = [&](std::size_t n, double level) {
-            LogSum gaps;
-            double sum = 0.0;
-            for (int k = 0; k < G; ++k) slacks[k] = prices[k] * here.node_rates[n * G + k];
-            solve_epigraph(slacks.data(), G, level, gaps);
-            for (int k = 0; k < G; ++k) sum += shares[n * G + k] = level / slacks[k];
-            for (int k = 0; k < G; ++k) shares[n * G + k] /= sum;
-        };
+        Reals prices(nodes_, 1.0 / nodes_);
         for (double level = std::max(mu, rate_unit_); ;
              level = std::max(mu, SHARES_MU_FACTOR * level)) {
-            for (int step = 0; step < SHARE_STEPS; ++step) {
-                // Newton's system for the prices; its last row keeps the sum of the prices. The
-                // derivative of share k by price j is
-                // share_k^2 rate_j ([k = j] - share_j^2 / squares) / level.
-                std::fill(matrix.begin(), matrix.end(), 0.0);
-                for (int k = 0; k < G; ++k) right[k] = -offsets[k];
-                right[G] = 0.0;
-                for (std::size_t n = 0; n < slots_; ++n) {
-                    share_slot(n, level);
-                    const double *share = shares + n * G, *rate = &here.node_rates[n * G];
-                    double squares = 0.0;
-                    for (int k = 0; k < G; ++k) squares += share[k] * share[k];
-                    for (int k = 0; k < G; ++k) {
-                        right[k] -= share[k] * rate[k];
-                        for (int j = 0; j < G; ++j)
-                            matrix[k * H + j] += rate[k] * rate[j] * share[k]
-                                * ((j == k ? share[k] : 0.0)
-                                   - share[k] * share[j] / squares * share[j]) / level;
-                    }
-                }
-                for (int k = 0; k < G; ++k) {
-                    right[k] += double(slots_) * level / prices[k];
-                    matrix[k * H + k] += double(slots_) * level / (prices[k] * prices[k]);
-                    matrix[k * H + G] = matrix[G * H + k] = 1.0;
-                }
-                if (!solve_dense(matrix.data(), right.data(), H)) break;
-                double sum = 0.0;
-                for (int k = 0; k < G; ++k)
-                    sum += prices[k] = std::clamp(prices[k] + right[k], prices[k] / PRICE_FACTOR,
-                                                  prices[k] * PRICE_FACTOR);
-                for (double& price : prices) price /= sum;
-            }
+            for (int step = 0; step < SHARE_STEPS; ++step)
+                if (!move_prices(level, here, prices, shares)) break;
             if (level == mu) break;
         }
-        for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu);
+        for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu, here, prices, shares);
     }
 
     // Extend the derivatives of a slot from x to its G - 1 variable shares; the first share is 1
@@ -108,10 +70,10 @@ public:
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
                     const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;
-        double* own = &gradients_[n * nodes_ * V];
+        double* by_node = &gradients_[n * nodes_ * V];
         for (int k = 0; k < nodes_; ++k)
             for (int j = 0; j < V; ++j)
-                own[k * V + j] = (rates[k * V + j] - leaks[k * V + j]) / weights_[k];
+                by_node[k * V + j] = (rates[k * V + j] - leaks[k * V + j]) / weights_[k];
         std::fill(hessian, hessian + W * W, 0.0);
         for (int j = 0; j < V; ++j) std::copy_n(block + j * V, j + 1, hessian + j * W);
         const auto find_slope = [&](int k) {
@@ -122,7 +84,7 @@ public:
             gradient[k - 1] = find_slope(0) - find_slope(k);
             for (int j = 0; j < V; ++j)
                 hessian[(V + k - 1) * W + j] =
-                    iterate.node_duals[0] * own[j] - iterate.node_duals[k] * own[k * V + j];
+                    iterate.node_duals[0] * by_node[j] - iterate.node_duals[k] * by_node[k * V + j];
         }
     }
 
@@ -162,11 +124,11 @@ public:
     }
 
     // Find the Newton step of the nodes' duals for a step of the variables, and lower the step
-    // length `length` so that they stay positive. rows[i R + k] is of variable i and node k.
+    // length `length` so that the duals stay positive. rows[i R + k]: variable i, node k.
     void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
                            const double* rows, double& length) {
         const int G = nodes_;
-        Reals slopes(G, 0.0);
+        Reals slopes(G, 0.0);  // Slopes of minus the means: solve_epigraph has these values.
         for (std::size_t i = 0; i < slots_ * (size_ + G - 1); ++i)
             for (int k = 0; k < G; ++k) slopes[k] -= rows[i * R + k] * step[i];
         find_epigraph_changes(G, mu, iterate.evaluation.node_slacks.data(),
@@ -178,6 +140,55 @@ public:
     }
 
 private:
+    // Set the shares of slot n, of all shares (N, G), to the best for the nodes' prices, (G):
+    // share k is proportional to mu / (t - price_k rate_k) with the t of solve_epigraph.
+    void share_slot(std::size_t n, double mu, const Evaluation& here, const Reals& prices,
+                    double* shares) const {
+        double* share = shares + n * nodes_;
+        for (int k = 0; k < nodes_; ++k) share[k] = prices[k] * here.node_rates[n * nodes_ + k];
+        LogSum gaps;
+        solve_epigraph(share, nodes_, mu, gaps);
+        double sum = 0.0;
+        for (int k = 0; k < nodes_; ++k) sum += share[k] = mu / share[k];
+        for (int k = 0; k < nodes_; ++k) share[k] /= sum;
+    }
+
+    // Set the shares of all slots, (N, G), to the best for the nodes' prices, (G), then move the
+    // prices by a Newton step. Return false, with the prices as they are, if there is no step.
+    bool move_prices(double mu, const Evaluation& here, Reals& prices, double* shares) const {
+        const int G = nodes_, H = G + 1;
+        const Reals offsets = sum_offsets();
+        // Newton's system for the prices; its last row keeps the sum of the prices. The derivative
+        // of share k by price j is share_k^2 rate_j ([k = j] - share_j^2 / squares) / mu.
+        Reals matrix(H * H, 0.0), right(H, 0.0);
+        for (int k = 0; k < G; ++k) right[k] = -offsets[k];
+        for (std::size_t n = 0; n < slots_; ++n) {
+            share_slot(n, mu, here, prices, shares);
+            const double *share = shares + n * G, *rate = &here.node_rates[n * G];
+            double squares = 0.0;
+            for (int k = 0; k < G; ++k) squares += share[k] * share[k];
+            for (int k = 0; k < G; ++k) {
+                right[k] -= share[k] * rate[k];
+                for (int j = 0; j < G; ++j)
+                    matrix[k * H + j] += rate[k] * rate[j] * share[k]
+                        * ((j == k ? share[k] : 0.0)
+                           - share[k] * share[j] / squares * share[j]) / mu;
+            }
+        }
+        for (int k = 0; k < G; ++k) {
+            right[k] += double(slots_) * mu / prices[k];
+            matrix[k * H + k] += double(slots_) * mu / (prices[k] * prices[k]);
+            matrix[k * H + G] = matrix[G * H + k] = 1.0;
+        }
+        if (!solve_dense(matrix.data(), right.data(), H)) return false;
+        double sum = 0.0;
+        for (int k = 0; k < G; ++k)
+            sum += prices[k] = std::clamp(prices[k] + right[k], prices[k] / PRICE_FACTOR,
+                                          prices[k] * PRICE_FACTOR);
+        for (double& price : prices) price /= sum;
+        return true;
+    }
+
     const Reals &weights_, &offsets_;
     const std::size_t slots_;
     const int nodes_, size_;

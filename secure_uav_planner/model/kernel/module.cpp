@@ -28,6 +28,7 @@ std::shared_ptr<kernel::FreeSpace> make_free_space(const py::buffer& snr,
         copy_reals(snr, "snr", links), copy_reals(squared_altitudes, "squared_altitudes", links));
 }
 
+// Check and copy the numbers of PathLoss; each array has one for each link.
 std::shared_ptr<kernel::PathLoss> make_path_loss(
     const py::buffer& snr, const py::buffer& squared_altitudes, const py::buffer& losses,
     const py::buffer& steepness, const py::buffer& shift, double exponent, bool quantile) {
@@ -38,7 +39,7 @@ std::shared_ptr<kernel::PathLoss> make_path_loss(
         copy_reals(shift, "shift", links), exponent, quantile);
 }
 
-// Return bounds of the first three derivatives of log gain; see core.pyi.
+// Return bounds of the first three derivatives of log gain from `near` to `far`; see core.pyi.
 py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, double near,
                          double far) {
     expect(link < channel.links() && near <= far, "link, near, far");
@@ -46,7 +47,8 @@ py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, doub
     return py::make_tuple(bounds.first, bounds.second, bounds.third);
 }
 
-// Return the gain without and with derivatives, and its two derivatives: for tests.
+// Return a link's gain() at a squared distance, and value, first and second derivative by the
+// squared distance of derivatives(): for tests.
 py::tuple find_gain(const kernel::LinkGains& gains, std::size_t link, double squared) {
     expect(link < gains.links(), "link");
     const kernel::Gain gain = gains.derivatives(link, squared);

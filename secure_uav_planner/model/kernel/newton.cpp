@@ -27,8 +27,9 @@ constexpr double CONVERGED = 0.01;
 // Expected gain of a step, in units of rates for each slot, below which a start has converged.
 constexpr double NEGLIGIBLE = 1e-8;
 
-// Decide after a step whether the start has finished, and lower its barrier parameter if it is
-// centred or stalled.
+// Decide after a step whether the start has finished, and lower its barrier parameter mu, but not
+// below `final_mu`, if it is centred or stalled. A start is stalled after PATIENCE steps with one
+// mu, or by a step of `length` 0. `decrement` is -(gradient . step) / (N mu).
 void update_mu(Iterate& iterate, int uavs, double length, double decrement, double final_mu) {
     const double mu = *iterate.mu;
     ++iterate.steps_at_mu;
@@ -48,6 +49,8 @@ void update_mu(Iterate& iterate, int uavs, double length, double decrement, doub
 template <int UAVS, class Model>
 class PrimalDualNewton final : public Newton {
 public:
+    // Dense rows belong to U average powers, G nodes if G > 1, and U energies if they are limited.
+    // The rows of the average powers are set here: they are the gradients of 1 - mean power.
     explicit PrimalDualNewton(const BarrierProblem& problem)
         : p_(problem), size_(3 * p_.uavs),
           energy_rows_(p_.uavs + (p_.shares() ? p_.nodes() : 0)),
@@ -61,7 +64,8 @@ public:
             system_.rows[3 * i * rows_ + i % p_.uavs] = -1.0 / double(p_.slots);
     }
 
-    // Find the shares that are best for x, evaluate, and set the duals to their central values.
+    // Find the shares that are best for x, choose lines, decide which energies get prices,
+    // evaluate, and set the duals to their central values: weight of the barrier term over slack.
     void initialise(Iterate& iterate) override {
         const double mu = find_mu(iterate);
         Evaluation& here = iterate.evaluation;
@@ -80,7 +84,8 @@ public:
     }
 
     // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
-    // If the system cannot be solved, x stays and the outcome is `failed`.
+    // If the system cannot be solved, the step is 0: x and shares stay, duals move, update_mu takes
+    // the start for stalled, and the outcome is `failed`. With a price that rises, mu stays.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
         const double mu = find_mu(iterate);
         update_evaluation(iterate);
@@ -110,9 +115,11 @@ public:
         return solved ? Outcome::stepped : Outcome::failed;
     }
 
-    double evaluate_rate(const Iterate& iterate) override { return rates_.find_mean(iterate); }
+    double evaluate_rate(const Iterate& iterate) override {
+        return rates_.compute_least_mean(iterate);
+    }
 
-    // Return the barrier function, for tests. `hessian` has only the objective's part.
+    // Return the barrier function and fill its gradient, for tests. `hessian` is the objective's.
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
@@ -142,8 +149,7 @@ private:
 
     // Complete the linear system from the derivatives of the rates. The Hessian is a band plus
     // row row^T / ratio of each dense row. The band is the sum of the slots' blocks and the limits'
-    // curvature. Dense rows belong to U average powers, filled once, of G nodes if there are
-    // several, and of U energies if they are limited. Variables in `fixed_` get a pivot of 1.
+    // curvature. Variables in `fixed_` get derivatives of 0 and a pivot of 1, so their steps are 0.
     void assemble(const Iterate& iterate, double mu) {
         const Band band{system_.band.data(), system_.height()};
         constraints_.add_gradient(iterate, mu, gradient_.data());
@@ -173,8 +179,8 @@ private:
         gradient_[n * size_ + j] = 0.0;
     }
 
-    // Move the duals along their step while they stay positive. Move the iterate to the last trial
-    // if the line search took it.
+    // Move the duals along their step, with a length of at most 1 that keeps them positive. Move
+    // the iterate to the line search's last trial if it was `taken`.
     void move(Iterate& iterate, double mu, bool taken) {
         double length = 1.0;
         constraints_.find_dual_changes(iterate, mu, length);
@@ -203,7 +209,7 @@ private:
     std::vector<int> fixed_;  // Indices of the variables in x of a slot that do not vary.
 };
 
-// Make a Newton that is compiled for the number of UAVs, up to 4, or for any number.
+// Make a Newton for a channel model, compiled for 1, 2, 3 or 4 UAVs, or for any number.
 template <class Model>
 std::unique_ptr<Newton> make_newton_for(const BarrierProblem& problem) {
     switch (problem.uavs) {

@@ -58,7 +58,8 @@ struct BarrierProblem {
     // The number of variables: powers and positions, (N, U, 3), and shares, (N, G - 1).
     std::size_t variables() const { return slots * (3 * uavs + shares()); }
 
-    // Fill the points of flights, (N + 2, U, 2), from x; or the points' moves from a step.
+    // Fill `path`, (N + 2, U, 2), with the starts, the positions of x, (N, U, 3), and the goals.
+    // With `moves`, x is a step: the path's entries are then moves, 0 for starts and goals.
     void fill_path(const double* x, Reals& path, bool moves = false) const {
         const std::size_t width = 2 * uavs;
         path.assign((slots + 2) * width, 0.0);
@@ -131,7 +132,7 @@ public:
     // Take a step. Once `stop` is true it ends early and leaves x, shares and mu as they are.
     virtual Outcome take_step(Iterate& iterate, double final_mu,
                               const std::atomic<bool>& stop) = 0;
-    // Find the least weighted mean secrecy rate in nats, with 0 for negative rates.
+    // Return the least weighted mean secrecy rate in nats, with 0 for negative rates.
     virtual double evaluate_rate(const Iterate& iterate) = 0;
     // Find the barrier function at x and its derivatives. `gradient` is by x, (N, U, 3), and behind
     // it by the shares, (N, G - 1). `hessian` has the objective's lower triangles, slot by slot.

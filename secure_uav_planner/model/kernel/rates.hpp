@@ -19,12 +19,12 @@ constexpr double SOFTENING = 0.3;  // Softening of the kink above a receiver, ov
 template <int UAVS, class Model>
 class Rates {
 public:
+    // Make one Leak for each ground node if any node listens; otherwise all nodes share one Leak.
     explicit Rates(const BarrierProblem& problem)
         : nodes(problem), p_(problem), signals_(problem),
           several_(problem.nodes() > 1), rate_weights_(receivers()), by_rates_(receivers()),
           gradients_(p_.slots * receivers() * size()), block_(size() * size()),
           leak_gradients_(p_.nodes() * size()) {
-        // If no node listens, all nodes share one leak.
         const int leaks = p_.listeners() ? p_.nodes() : 1;
         leaks_.reserve(leaks);
         for (int k = 0; k < leaks; ++k)
@@ -35,15 +35,15 @@ public:
     }
 
     // Return min over nodes of (offset + mean over slots of share [rate - leak]^+) / weight, in
-    // nats.
-    double find_mean(const Iterate& iterate) {
+    // nats, without any smoothing.
+    double compute_least_mean(const Iterate& iterate) {
         const int G = p_.nodes();
         Reals means = nodes.sum_offsets();
         resize(scratch_);
         for (std::size_t n = 0; n < p_.slots; ++n) {
             const Reception* at = signals_.receive(iterate.x, n, 0.0, scratch_);
             for (std::size_t l = 0; l < leaks_.size(); ++l)
-                node_leaks_[l] = leaks_[l].find(at + G);
+                node_leaks_[l] = leaks_[l].compute_exact(at + G);
             for (int k = 0; k < G; ++k)
                 means[k] += iterate.shares[n * G + k]
                     * std::max(at[k].rate() - node_leaks_[leak_of(k)], 0.0)
@@ -64,13 +64,13 @@ public:
             const Reception* at = signals_.receive(x, n, softening * softening, here);
             if (!several_) {
                 sum.subtract(at[0]);
-                leaks_[0].evaluate(n, at + G, mu, here, sum);
+                leaks_[0].add_leak(n, at + G, mu, here, sum);
                 continue;
             }
             for (std::size_t l = 0; l < leaks_.size(); ++l) {
-                RateSum own;
-                leaks_[l].evaluate(n, at + G, mu, here, own);
-                node_leaks_[l] = own.total(mu);
+                RateSum leak;
+                leaks_[l].add_leak(n, at + G, mu, here, leak);
+                node_leaks_[l] = leak.total(mu);
             }
             for (int k = 0; k < G; ++k)
                 here.node_rates[n * G + k] =
@@ -144,11 +144,12 @@ private:
         if (several_) here.node_rates.resize(p_.slots * p_.nodes());
     }
 
-    // Find for slot n the objective's derivatives by the K receivers' rates (by_rates_) and by the
+    // Set for slot n the objective's derivatives by the K receivers' rates (by_rates_) and by the
     // leaks (by_leaks_), and the weights of the rates' and leaks' Hessians in the Newton matrix
-    // (rate_weights_, leak_weights_). With one ground node its rate has -1 and the leak 1 for both.
-    // With several, node k has share / weight times mu / slack as derivative, and times the slack's
-    // dual as weight (primal-dual method). Rates have a minus sign, leaks a plus sign.
+    // (rate_weights_, leak_weights_). With one ground node, derivative and weight are -1 for its
+    // rate and 1 for the leak. With several, node k has c = share / weight. Its rate then has the
+    // derivative -c mu / slack and the weight -c dual (primal-dual method), and its leak the same
+    // with a plus sign. A hearer's rate has the leak's numbers times Leak::differentiate_by_rates.
     void differentiate_by_rates(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
         std::fill(rate_weights_.begin(), rate_weights_.end(), 0.0);

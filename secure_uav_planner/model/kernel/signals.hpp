@@ -27,20 +27,20 @@ public:
           receivers_(problem.receivers.count), signals_(problem.uavs),
           space_(2 * 3 * problem.uavs), place_space_(4 * 3 * problem.uavs) {}
 
-    // Find the K receptions in slot n; return the first. `x` (N, U, 3) has power and place of each
-    // UAV; UAV 0 transmits. Interference includes the noise, which is 1. The kink of a jammer's
-    // distance d at 0 is softened: d becomes sqrt(d^2 + soft), which lowers the secrecy rate.
+    // Fill the K receptions in slot n of `here`, and their distances; return the first reception.
+    // `x` (N, U, 3) has power and place of each UAV; UAV 0 transmits. Interference includes the
+    // noise, which is 1. `soft` rounds kinks at distance 0; see find_guaranteed_distance.
     const Reception* receive(const double* x, std::size_t n, double soft,
                              Evaluation& here) const {
         for (int k = 0; k < receivers_; ++k) {
             Reception& reception = here.receptions[n * receivers_ + k];
             reception.interference = 1.0;
             for (int u = 0; u < uavs(); ++u) {
-                const double* at = x + (n * uavs() + u) * 3;
+                const double* uav = x + (n * uavs() + u) * 3;
                 const std::size_t i = (n * receivers_ + k) * uavs() + u;
                 find_guaranteed_distance(
-                    at, n, k, u, soft, here.distance[i], here.squared[i]);
-                const double power = gains_.gain(k * uavs() + u, here.squared[i]) * at[0];
+                    uav, n, k, u, soft, here.distance[i], here.squared[i]);
+                const double power = gains_.gain(k * uavs() + u, here.squared[i]) * uav[0];
                 if (u)
                     reception.interference += power;
                 else
@@ -118,12 +118,12 @@ private:
     // Set `squared` to the guarantee's squared distance ([d + edge]^+)^2, and `distance` to d, the
     // horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot n. `edge` is -radius of
     // the eavesdropper's disc for the transmitter (nearest place) and +radius for a jammer
-    // (farthest place). A jammer has distance = sqrt(d^2 + soft), which has no kink at d = 0. With
-    // edge 0, `distance` is 0. A gain that itself has a kink at d = 0 has soft added to `squared`.
+    // (farthest place). For a jammer d is replaced by sqrt(d^2 + soft), which has no kink at d = 0.
+    // With edge 0, `distance` is 0. If the gain has a kink at d = 0, soft is added to `squared`.
     void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
                                   double& distance, double& squared) const {
-        const double* at = position(n, k);
-        const double dx = x[1] - at[0], dy = x[2] - at[1];
+        const double* place = position(n, k);
+        const double dx = x[1] - place[0], dy = x[2] - place[1];
         const double edge = this->edge(n, k, u);
         squared = dx * dx + dy * dy;
         distance = 0.0;
@@ -135,12 +135,13 @@ private:
         if constexpr (Model::KINKED) squared += soft;
     }
 
-    // Find UAV u's signal at receiver k in slot n: offset, power, gain, and the gain's derivatives
-    // by the UAV's position. The gain is a function of s = ([d + edge]^+)^2 and s of d^2.
+    // Return UAV u's signal at receiver k in slot n: offset (dx, dy) from the receiver, power and
+    // gain. By the UAV's position the gain has the gradient slope (dx, dy), and the Hessian
+    // slope I + curvature (dx, dy) (dx, dy)^T. It is a function of s = ([d + edge]^+)^2, s of d^2.
     Signal find_signal(const Iterate& iterate, std::size_t n, int k, int u) const {
         const std::size_t i = (n * receivers_ + k) * uavs() + u;
         const double* x = iterate.x + (n * uavs() + u) * 3;
-        const double* at = position(n, k);
+        const double* place = position(n, k);
         const double edge = this->edge(n, k, u);
         const Gain gain = gains_.derivatives(k * uavs() + u, iterate.evaluation.squared[i]);
         // The derivative of ([d + edge]^+)^2 by d^2, and minus twice its second derivative.
@@ -151,7 +152,7 @@ private:
             stretch = outside ? 1.0 + edge / distance : 0.0;
             curvature = outside ? edge / (distance * distance * distance) : 0.0;
         }
-        return {x[1] - at[0], x[2] - at[1], x[0], gain.value, 2.0 * gain.first * stretch,
+        return {x[1] - place[0], x[2] - place[1], x[0], gain.value, 2.0 * gain.first * stretch,
                 4.0 * gain.second * stretch * stretch - 2.0 * gain.first * curvature};
     }
 

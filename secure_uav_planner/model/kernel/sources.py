@@ -21,7 +21,7 @@ def list_sources(pattern: str) -> list[str]:
 
 
 def find_digest() -> str:
-    """Return a digest of all sources, by which a stale compiled kernel is refused."""
+    """Return the SHA-256 of the paths and texts of all C++ sources of the kernel, in hex."""
     digest = hashlib.sha256()
     for path in list_sources('*.[ch]pp'):
         digest.update(path.encode() + b'\0' + (_PACKAGE / path).read_bytes())
@@ -32,7 +32,7 @@ def load_kernel() -> Any:
     """
     Return the compiled module.
 
-    :raises ImportError: where there is none, or it was built from other sources.
+    :raises ImportError: if it cannot be loaded, or was built from other sources.
     """
     try:
         module = import_module('_secure_uav_planner_kernel')

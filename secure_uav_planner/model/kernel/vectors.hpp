@@ -48,8 +48,8 @@ public:
 
     // `varies` (M, U): which points vary. `points` and `weights` (I, T): the points of each vector,
     // of one UAV or first of one and then of another UAV. `constants` (I): added to the vectors.
-    // `differences`: whether weights of each UAV add up to 0. Vectors are then computed from the
-    // points' offsets from the middle point, so that no digits cancel.
+    // `differences`: whether weights of each UAV in a vector add up to 0. Vectors are then computed
+    // from offsets from the UAV's middle point, so that no digits cancel.
     Vectors(int uavs, const std::vector<char>& varies, const std::vector<int>& points,
             const Reals& weights, std::vector<Point> constants, bool differences)
         : uavs_(uavs), slots_(varies.size() / uavs - 2), constants_(std::move(constants)),
@@ -85,9 +85,9 @@ public:
         return int(farthest) + 1;
     }
 
-    // Find the I vectors of a path, constant + sum of weight * point, or without the constants the
-    // vectors' moves from the points' moves. Both are (M, U, 2).
-    void find(const double* path, bool moves, std::vector<Point>& vectors) const {
+    // Fill the I `vectors` of a path, (M, U, 2): constant + sum of weight * point. If `moves` is
+    // set, the path has the points' moves instead, and the constants are left out.
+    void compute_vectors(const double* path, bool moves, std::vector<Point>& vectors) const {
         const auto locate = [&](std::size_t t) {
             return Point{path[2 * terms_[t].point], path[2 * terms_[t].point + 1]};
         };
