@@ -45,8 +45,8 @@ class PlanTracking:
     def __init__(self, poses: PoseBook) -> None:
         self._poses, self.relays = poses, RelayReports()
         self._plans: dict[str, Playback] = {}  # The last plans by identity.
-        self._published_ns = 0  # Time of the newest plan's publication.
-        self._track = AchievedRates()
+        self._published_ns = 0  # Time of the newest plan's publication [ns].
+        self._achieved = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
 
@@ -54,13 +54,18 @@ class PlanTracking:
         """Forget the reports of followers: when the clock is set back they are of another time."""
         self._reports: FollowerReports | None = None
         self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
-        self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
+        self._ignored: tuple[str, float] | None = None  # Another follower; its last report [s].
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
-        """Track a plan published now [s], the last _MOST_PLANS - 1 plans and the reported plan."""
+        """
+        Track a plan as the newest one, published at `now` [s].
+
+        The last _MOST_PLANS - 1 plans before it and the plan that the follower reports stay
+        tracked; all others are forgotten.
+        """
         reported = self._reports.identity if self._reports else None
-        # A plan that is published again moves to the end of the dict, as the newest one.
+        # A plan that is published again moves to the end of the dict.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
@@ -71,8 +76,8 @@ class PlanTracking:
         """
         Use a follower's report of its plan's time, which arrived at a time of the clock [s].
 
-        A report on an untracked plan only tells that such a plan is flown. Another follower is
-        ignored until the first is silent, or until the other alone is flying or held.
+        A report on an untracked plan only tells that such a plan is flown. A second follower is
+        ignored until the first is silent, or until the second alone is flying or held.
         """
         clock_ns, plan_ns = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock_ns * 1e-9
@@ -150,7 +155,8 @@ class PlanTracking:
         Return the plan in flight with an ended promise, or None if its promise does not end now.
 
         The promise ends if the flight is early or late by more than PUNCTUAL [s]. The receivers
-        that move are then not where the promise takes them to be.
+        that move are then not where the promise takes them to be. The returned plan is tracked
+        in place of the plan in flight.
         """
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
@@ -351,7 +357,7 @@ class PlanTracking:
             return
         # Each measured offset from the plan, (U, 2) in m, is taken to be the present one.
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        self._track.add(flight.playback, flight.time, positions, flight.time_scale)
+        self._achieved.add(flight.playback, flight.time, positions, flight.time_scale)
 
     def _distance_problems(self, flight: Flight, distances: Mapping[str, float],
                            settings: PlannerSettings) -> list[str]:
@@ -383,7 +389,7 @@ class PlanTracking:
         if flight.state != 'waiting':
             problems += self._distance_problems(flight, distances, settings)
         newest = next(reversed(self._plans.values()))
-        rates = self._track.rates or (math.nan, math.nan)
+        rates = self._achieved.rates or (math.nan, math.nan)
         late = now - start_of(newest.plan) * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
@@ -392,7 +398,7 @@ class PlanTracking:
             flight.playback.plan.identity, flight.time,
             flight.state if flight.is_reported else f'{flight.state}, silent',
             {name: distances.get(name, math.nan) for name in settings.uavs}, *rates,
-            self._track.measured)
+            self._achieved.measured)
 
     def _follower_problems(self, now: float) -> list[str]:
         """Return what is wrong with the reports on plan_time, in words."""
@@ -429,6 +435,8 @@ def _promise_end(plan: Plan) -> float:
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """
     Check that now.time = before.time + before.time_scale * elapsed, within _SAME_TIME, in s.
+
+    Nothing is checked unless the flight `before` was flying or held, and reported.
 
     :raises LateError: if the flight was paused, released or replaced in the time `elapsed` [s].
     """

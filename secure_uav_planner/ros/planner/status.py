@@ -45,7 +45,11 @@ class State:
 
     @property
     def outcome(self) -> RequestOutcome:
-        """Outcome of the last request or replan."""
+        """
+        Outcome of the last request or replan: its refusal, or the summary of the last plan.
+
+        A plan is WARN if it has not converged, lets UAVs come close, or has no promised slot.
+        """
         plan = self.plan
         if self.refusal is not None:
             return self.refusal
@@ -68,7 +72,7 @@ class State:
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
-        """Make a replan the last plan; return False if the last plan was the same already."""
+        """Make a replan the last plan; return False if the last plan had its identity already."""
         is_new = self.plan is None or plan.identity != self.plan.identity
         self._keep(plan, is_replan=True)
         if is_new:
@@ -86,7 +90,11 @@ class State:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """Note and return the refusal of a new plan; the text says if the last plan stays."""
+        """
+        Note and return the refusal of a new plan; the text says if the last plan stays.
+
+        It is WARN for a PlanningError, OK for a stopped replan, and ERROR for any other error.
+        """
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'
