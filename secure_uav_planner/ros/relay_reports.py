@@ -92,7 +92,7 @@ class RelayReports:
         self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
-        """Keep a report from the topic `<uav>/relay`; return True if the state has changed."""
+        """Keep a report from a topic `<uav>/relay`; return True if its state has another name."""
         state, uav = read_relay_state(message), topic.partition('/')[0]
         if state is None:
             return False
