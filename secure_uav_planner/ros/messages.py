@@ -135,7 +135,7 @@ def plan_text(plan: Plan, frame_id: str) -> String:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """Return the flown curve of a UAV at the times of the points; the joint has its name."""
+    """Return the flown curve of the UAV with index `uav` at the plan's points, as one joint."""
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
     points = [_trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
               for (x, y), yaw, velocity, acceleration, time in zip(
@@ -149,7 +149,7 @@ def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
                         ) -> MultiDOFJointTrajectory:
     """
-    Return one point, which an autopilot can follow without lag.
+    Return the setpoint of the UAV `name` as a trajectory of one point.
 
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
@@ -178,7 +178,12 @@ def _twist(vector: Sequence[float]) -> Twist:
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Vector,
              yaw: float, velocity: Sequence[float]) -> Odometry:
-    """Return the Odometry of a UAV; it has the velocity (x, y) in m/s in its own frame."""
+    """
+    Return the Odometry of a UAV or a receiver.
+
+    :param velocity: (x, y) in m/s in the frame `frame_id`. The message has it in the child frame:
+        ahead and to the left at the angle `yaw` [rad].
+    """
     message = Odometry(child_frame_id=child_frame_id)
     message.pose.pose = pose(*place, yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
@@ -262,7 +267,7 @@ def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
 
 def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
                       ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus with the values by key: six digits, and `none` for NaN."""
+    """Return a DiagnosticStatus with values by key: floats with six digits, NaN as `none`."""
     def text(value: Any) -> str:
         if not isinstance(value, float):
             return str(value)

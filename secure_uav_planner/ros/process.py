@@ -104,13 +104,15 @@ def spin(node: WorkingNode, stop: threading.Event) -> tuple[bool, BaseException 
     """
     Run the callbacks of a node until an event, then close the node.
 
-    :return: True if close() left no thread at work; the error of an invalid context, or None.
+    :return: whether close() left no thread at work, and the error by which the node's context
+        became invalid, or None.
     """
     # A MultiThreadedExecutor polls tasks until their threads begin, and so blocks these threads.
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
 
     def spin_once(timeout: float) -> Exception | None:
+        """Run a callback that is due within a time [s]; log and return its error, or None."""
         try:
             executor.spin_once(timeout_sec=timeout)
         except Exception as error:

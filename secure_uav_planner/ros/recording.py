@@ -39,7 +39,7 @@ _QOS = """- history: keep_last
 def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
            frequency: float = 5.0) -> None:
     """
-    Write the messages of the planner and the replay node for a plan, flown in real time.
+    Write an MCAP file of what the planner and the replay publish for a plan, in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
     :param frequency: frequency of the setpoints [Hz] in the plan's time.
@@ -83,7 +83,7 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write the setpoints, and the secrecy rate for the worst-case eavesdropper of each slot."""
+    """Write setpoints at `frequency` [Hz], and secrecy rates for each slot's worst place."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
     times = np.arange(0.0, playback.duration, 1.0 / frequency)

@@ -44,7 +44,7 @@ class LocalFrames:
             self._subscribe(node, name, vehicle, current().uavs[name].reference)
 
     def _subscribe(self, node: Node, name: str, vehicle: str, reference: str) -> None:
-        """Subscribe to where a UAV's autopilot reports the origin of its frame, if it does."""
+        """Subscribe to where a UAV's autopilot reports its frame's origin; 'none' reports none."""
         source = REFERENCES.get(reference)
         if source is None:
             return
@@ -61,7 +61,10 @@ class LocalFrames:
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """
-        Convert a position in the mission's frame, (x, y, z) in m, to a UAV's local frame.
+        Convert a position (x, y, z) [m] from the mission's frame to a UAV's local frame.
+
+        First `<uav>.origin` is subtracted. With `<uav>.reference`, x and y are then converted by
+        way of latitude and longitude.
 
         :raises PoseError: while the origin of the local frame is unknown.
         """
@@ -70,7 +73,7 @@ class LocalFrames:
         return (x, y, z) if frame is None else _convert((x, y, z), self._origin, frame)
 
     def to_mission(self, name: str, place: Vector) -> Vector:
-        """Convert a position in the local frame of a UAV's vehicle; the inverse of to_local."""
+        """Convert a position (x, y, z) [m] from a UAV's local frame; the inverse of to_local."""
         frame = self._frame(name)
         place = place if frame is None else _convert(place, frame, self._origin)
         x, y, z = (value + shift for value, shift in zip(place, self._shift(name), strict=True))
@@ -94,7 +97,11 @@ class LocalFrames:
         return f'the local frame of {name} is not known: {self._unknown[name]}'
 
     def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
-        """Use the reference of a local frame; log where it begins, or how far it moved."""
+        """
+        Use the reference of a local frame; log where it begins, or how far it moved.
+
+        A message that cannot be used makes the frame unknown, with a warning.
+        """
         try:
             reference = read(message)
             if reference == self._references.get(name) and name not in self._unknown:

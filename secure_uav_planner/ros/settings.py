@@ -63,7 +63,11 @@ class Settings(Generic[Kind]):
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
-        """Declare parameters; a value given to the node precedes the value of the mission file."""
+        """
+        Declare parameters, whose values come first from the node's arguments and parameter files.
+
+        Next comes the value in the mission file, and last the default.
+        """
         overrides = _overrides(self._node)
         for name, spec in specs.items():
             value = self._mission_values.get(name, spec.default)
@@ -146,13 +150,13 @@ class FrameSettings(Protocol):
 
 
 def check_references(values: Mapping[str, Any]) -> None:
-    """Raise a PlanningError for a `<uav>.reference` with which nothing can be converted."""
+    """Raise an error for a `<uav>.reference` without a matching origin, or with an x or y."""
     origin = origin_from(values)
     for name in values['uavs']:
         reference, place = values[f'{name}.reference'], values[f'{name}.origin']
         if reference == NO_REFERENCE:
             continue
-        if origin is None or reference == 'px4' != origin.projection:
+        if origin is None or reference == 'px4' and origin.projection != 'px4':
             raise ParameterError(
                 f'{name}.reference is {reference} and origin.projection is '
                 f'{values["origin.projection"]}; it must be '
@@ -170,7 +174,7 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
-    """Return the Uav of the parameter values."""
+    """Return the Uav of this name; a propulsion.model or a max_energy gives it a Propulsion."""
     fields = read_fields('uav', Uav, values, f'{name}.')
     if values[f'{name}.propulsion.model'] != NO_PROPULSION or fields['max_energy']:
         fields['propulsion'] = Propulsion(**read_fields('uav', Propulsion, values, f'{name}.'))
@@ -209,7 +213,7 @@ def origin_from(values: Mapping[str, Any]) -> Origin | None:
 
 
 def points_from(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
-    """Return x1, y1, x2, y2, ... as points."""
+    """Return x1, y1, x2, y2, ... as points, or raise a ParameterError for an odd number."""
     if len(numbers) % 2:
         raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
                              'coordinates x1, y1, x2, y2, ...')
