@@ -178,12 +178,7 @@ def _twist(vector: Sequence[float]) -> Twist:
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Vector,
              yaw: float, velocity: Sequence[float]) -> Odometry:
-    """
-    Return the Odometry of a UAV or a receiver.
-
-    :param velocity: (x, y) in m/s in the frame `frame_id`. The message has it in the child frame:
-        ahead and to the left at the angle `yaw` [rad].
-    """
+    """Return the Odometry of a body; `velocity` (x, y) [m/s] is turned by -yaw to its frame."""
     message = Odometry(child_frame_id=child_frame_id)
     message.pose.pose = pose(*place, yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])

@@ -97,11 +97,7 @@ class LocalFrames:
         return f'the local frame of {name} is not known: {self._unknown[name]}'
 
     def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
-        """
-        Use the reference of a local frame; log where it begins, or how far it moved.
-
-        A message that cannot be used makes the frame unknown, with a warning.
-        """
+        """Use the reference of a local frame and log its change; a bad one makes it unknown."""
         try:
             reference = read(message)
             if reference == self._references.get(name) and name not in self._unknown:

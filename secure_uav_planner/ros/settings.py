@@ -63,11 +63,7 @@ class Settings(Generic[Kind]):
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
-        """
-        Declare parameters, whose values come first from the node's arguments and parameter files.
-
-        Next comes the value in the mission file, and last the default.
-        """
+        """Declare parameters: with the given value, else the mission file's, else the default."""
         overrides = _overrides(self._node)
         for name, spec in specs.items():
             value = self._mission_values.get(name, spec.default)

@@ -245,8 +245,7 @@ class SecurePlanner:
 
         :param what: what is waited for, for the error's text.
         :param repeat: called at the beginning and every 0.2 s.
-        :param timeout: [s].
-        :raises TimeoutError: when the condition is not true within the timeout.
+        :raises TimeoutError: when the condition is not true within the `timeout` [s].
         """
         self._wait(condition, time.monotonic() + timeout,
                    lambda: f'{what} did not come within {timeout:g} s', repeat)
@@ -256,9 +255,8 @@ class SecurePlanner:
         Wait for a service of the nodes, call it, and return the message of its answer.
 
         :param service: name of a Trigger service, such as 'replay/start'.
-        :param timeout: [s].
         :raises ClientError: with the message of the answer, if the service refuses.
-        :raises TimeoutError: when the service does not answer within the timeout.
+        :raises TimeoutError: when the service does not answer within the `timeout` [s].
         """
         until = time.monotonic() + timeout
         answer = self._find(service, timeout).call_async(Trigger.Request())

@@ -219,14 +219,10 @@ class Planner(WorkingNode):
                     partial(self._finish_request, request), 'cancelled')
 
     def _finish_request(self, request: Request, result: Result) -> None:
-        """
-        Publish the plan of a request, and answer its call; if it fails, refuse and answer.
-
-        If the solve outlasted the predictions, the receivers are predicted again instead.
-        """
+        """Publish the plan of a request, or refuse it, and answer its call."""
         try:
             plan, outgoing = result()
-            if request.is_outlasted_by(plan):
+            if request.is_outlasted_by(plan):  # Its receivers are predicted again.
                 self._solve(request.predict_again(plan, self._poses, self._now_ns()))
                 return
             now_ns = self._now_ns()
@@ -380,11 +376,7 @@ class Planner(WorkingNode):
         return outcome.text
 
     def _prove_bound(self) -> None:
-        """
-        Start to prove the last plan's bound, if it has none and no job runs.
-
-        With another `bound` than 'after' nothing is proved.
-        """
+        """With `bound` 'after', start to prove the last plan's bound unless it has one."""
         plan = self._state.plan
         if (self._settings.bound != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):

@@ -58,12 +58,8 @@ class PlanTracking:
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
-        """
-        Track a plan as the newest one, published at `now` [s].
-
-        The last _MOST_PLANS - 1 plans before it and the plan that the follower reports stay
-        tracked; all others are forgotten.
-        """
+        """Track a plan as the newest, published at `now` [s]; forget plans of long ago."""
+        # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
         # A plan that is published again moves to the end of the dict.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}

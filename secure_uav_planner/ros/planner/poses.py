@@ -158,11 +158,7 @@ class PoseBook:
         self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
-        """
-        Keep a pose as the latest of its topic, with a velocity where positions can tell one.
-
-        It is dropped if a newer pose was received less than _KEPT_BEFORE_OLDER [s] before it.
-        """
+        """Keep a pose as its topic's latest, unless a newer one came _KEPT_BEFORE_OLDER ago."""
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.

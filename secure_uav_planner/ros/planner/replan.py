@@ -180,11 +180,7 @@ class Replanning:
         return period > 0 and not 0 <= now - self._last_planned < period
 
     def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """
-        Return True if the promise ends before a replan that begins now can take effect.
-
-        While _must_wait is True, the answer is False.
-        """
+        """Return True if the promise ends before a replan can take effect, unless _must_wait."""
         ahead = (settings.replan_lead + DELIVERY_S) * flight.time_scale + (
             _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
         return not self._must_wait(flight, settings, now) and (

@@ -45,11 +45,7 @@ class State:
 
     @property
     def outcome(self) -> RequestOutcome:
-        """
-        Outcome of the last request or replan: its refusal, or the summary of the last plan.
-
-        A plan is WARN if it has not converged, lets UAVs come close, or has no promised slot.
-        """
+        """Outcome of the last request or replan: its refusal, or the summary of the last plan."""
         plan = self.plan
         if self.refusal is not None:
             return self.refusal
@@ -90,11 +86,7 @@ class State:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """
-        Note and return the refusal of a new plan; the text says if the last plan stays.
-
-        It is WARN for a PlanningError, OK for a stopped replan, and ERROR for any other error.
-        """
+        """Note and return a refusal: WARN; OK for a stopped replan; ERROR if no PlanningError."""
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'

@@ -61,11 +61,7 @@ class ReplaySettings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> 'ReplaySettings':
-        """
-        Return the settings for the values of all parameters by name.
-
-        :raises ParameterError: for a true_eavesdropper of one number.
-        """
+        """Return the settings for values by name; a true_eavesdropper of one number is refused."""
         place = values['true_eavesdropper']
         if len(place) == 1:
             raise ParameterError(
@@ -189,11 +185,7 @@ class Replay(WorkingNode):
             self._warnings.warn('plan', self._refusal)
 
     def _adopt(self, plan: Plan, frame_id: str) -> None:
-        """
-        Give a plan to the player, and release a new flight that is in time with `autostart`.
-
-        A flight is in time until _LATE [s] after point 0, and always with a plan_file.
-        """
+        """Give a plan to the player; with `autostart`, release it if it is new and in time."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback

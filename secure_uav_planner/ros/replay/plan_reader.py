@@ -36,11 +36,7 @@ class PlanReader:
         self._idle.set_result(None)
 
     def read(self, text: str) -> None:
-        """
-        Read a text: before this returns if it is short and no other is being read; else later.
-
-        A text that comes while another is being read replaces a text that waits.
-        """
+        """Read a text, a short one at once; during a long one, it replaces a text that waits."""
         if not self._idle.done():
             self._waiting = text
         elif len(text) <= MOST_CHARACTERS:
