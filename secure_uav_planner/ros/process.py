@@ -41,9 +41,10 @@ class WorkingNode(Node):
 
     def find_longest_step(self) -> float:
         """
-        Return the largest step [s] of the node's clock since the last call without a jump ahead.
+        Return the largest step [s] of the node's clock since the last call that is not a jump.
 
-        It is speed * (real time since the last call) + error; call it right before the clock.
+        It is speed * (real time since the last call) + error. To be called right before the clock
+        is read.
         """
         before, self._clock_read = self._clock_read, time.monotonic()
         speed, error = _SIMULATED_CLOCK if is_simulated(self) else _REAL_CLOCK

@@ -112,7 +112,7 @@ class _Bag:
         self._writer.start(profile='ros2', library='secure_uav_planner')
 
     def write(self, topic: str, message: Any, time: float = 0.0, latched: bool = False) -> None:
-        """Write a message at a time in s from the start of the plan."""
+        """Write a message at a time [s] from point 0; a latched topic keeps its last message."""
         if topic not in self._channels:
             qos = _QOS.format(depth=1 if latched else 10,
                               durability='transient_local' if latched else 'volatile')

@@ -420,7 +420,7 @@ class Planner(WorkingNode):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        """Publish the status on /diagnostics, and in flight on ~/status, too."""
+        """Publish the status on /diagnostics and, once a flight is reported, on ~/status."""
         now, status = self._now(), self._status_message()
         if self._tracking.flight(now) is not None:
             self._outputs['~/status'].publish(status)

@@ -183,7 +183,7 @@ class PlanTracking:
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
-        """Return in words why the promise of a flight has ended, or when its gap ends."""
+        """Return in words why the promise of a flight has ended, or the present gap in it."""
         plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []

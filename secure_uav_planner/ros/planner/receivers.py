@@ -42,7 +42,7 @@ class Receivers(NamedTuple):
 
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """
-        Return a scenario whose point 0 is some seconds later on the clock.
+        Return a scenario whose point 0 is `seconds` later on the clock.
 
         Predicted tracks get earlier times from point 0, and `scheduled` tracks keep their times.
         """

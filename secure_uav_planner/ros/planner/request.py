@@ -210,7 +210,7 @@ class Request:
                        promised_until=until - later)
 
     def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
-        """Return this request with `plan` as its solution and receivers predicted from now."""
+        """Return this request, solved by `plan`, with receivers predicted from now_ns on."""
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
             self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
@@ -244,7 +244,7 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
 
 
 def explain_infeasible(settings: PlannerSettings) -> str:
-    """Return why the mission of the parameters cannot be flown with any receivers, or ''."""
+    """Return why the mission of the parameters, with receivers at (0, 0), is wrong, or ''."""
     receivers = {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)}
     try:
         _scenario(settings, [uav.mission for uav in settings.uavs.values()], receivers)

@@ -125,7 +125,7 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or a
     promise has ended, or the last request was refused, or its plan has not converged or lets UAVs
     come close without a separation. OK: none of these. During a solve, its progress replaces the
-    last outcome. STALE is not used, because tools take it for a node that has stopped reporting.
+    last outcome, also in the level. STALE is not used: tools take it for a node that is silent.
     """
     level, text = outcome.level, outcome.text
     if progress is not None:
@@ -216,7 +216,7 @@ def _approach_status(approach: Approach | None, beyond_margin: float) -> Approac
 
 
 def closest_approach_text(plan: Plan) -> str:
-    """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
+    """Return in words how close UAVs come to each other, with a warning if so, and to zones."""
     clearance = plan.clearance
     zones, margin = clearance.to_zones, plan.scenario.boundaries.margin_text
     texts = [clearance.between_uavs_text]

@@ -49,7 +49,7 @@ class Vehicles:
     def find_lost(self, flight: Flight, flight_ns: int, frame_id: str, tolerance: float,
                   now_ns: int) -> dict[str, str]:
         """
-        Return the UAVs that are not on their plan, each with the reason in words.
+        Return the names of the UAVs that are not on their plan, each with the reason in words.
 
         A UAV is off its plan beyond the tolerance, or beyond the tracking_margin if it is larger.
         A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
