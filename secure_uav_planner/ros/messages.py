@@ -178,7 +178,7 @@ def _twist(vector: Sequence[float]) -> Twist:
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Vector,
              yaw: float, velocity: Sequence[float]) -> Odometry:
-    """Return the Odometry of a body; `velocity` (x, y) [m/s] is turned by -yaw to its frame."""
+    """Return Odometry; `velocity` (x, y) [m/s] in frame_id is turned by -yaw into the body's."""
     message = Odometry(child_frame_id=child_frame_id)
     message.pose.pose = pose(*place, yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])

@@ -68,7 +68,7 @@ class Spec:
         return isinstance(self.default, list) and self.limits is None
 
     def convert(self, name: str, value: Any, prefix: str = '') -> Any:
-        """Return the value in the parameter's type, or raise a ParameterError after `prefix`."""
+        """Return the value in the parameter's type; the text of an error begins with `prefix`."""
         try:
             return self._convert(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
@@ -76,7 +76,7 @@ class Spec:
                                  f'{self.allowed}', (name,)) from None
 
     def _convert(self, value: Any) -> Any:
-        """Return a value in the parameter's type; any error it raises is one that convert maps."""
+        """Return a value in the parameter's type, or raise an error that `convert` replaces."""
         kind = type(self.default)
         if kind is list:
             values = list(value)
@@ -97,7 +97,7 @@ class Spec:
 
     def _convert_number(self, value: Any, kind: type) -> float:
         """Return a number within the limits as int or float, or raise a ValueError."""
-        # 150 is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
+        # A float may be written as 150 in YAML, and an integer as 1e2.
         assert self.limits is not None
         low, high = self.limits
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not (

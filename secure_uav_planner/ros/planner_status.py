@@ -174,7 +174,7 @@ class PlannerStatus:
 
 
 def list_keys(kind: Any = PlannerStatus, prefix: str = '') -> Iterator[tuple[str, str]]:
-    """Yield the key and the meaning of each value of a status; `<uav>` is any UAV's name."""
+    """Yield the key of each value of a status, with placeholders as `<uav>`, and its meaning."""
     hints = get_type_hints(kind)
     for entry in fields(kind):
         hint, member = hints[entry.name], entry.metadata.get('member', '')

@@ -44,7 +44,7 @@ class LocalFrames:
             self._subscribe(node, name, vehicle, current().uavs[name].reference)
 
     def _subscribe(self, node: Node, name: str, vehicle: str, reference: str) -> None:
-        """Subscribe to where a UAV's autopilot reports its frame's origin; 'none' reports none."""
+        """Subscribe to the origin of a UAV's frame, if `reference` names a kind of autopilot."""
         source = REFERENCES.get(reference)
         if source is None:
             return

@@ -194,7 +194,7 @@ class SecurePlanner:
         self.send_pose(self._receivers[0], position, stamp)
 
     def send_pose(self, name: str, position: Point, stamp: Stamp | None = None) -> None:
-        """Publish the position (x, y) [m] of a UAV or a receiver; see send_estimate."""
+        """Publish the position (x, y) [m] of a member; an eavesdropper's by send_estimate."""
         if self._pose_kind(name) is PoseStamped:
             self._publisher(name, PoseStamped).publish(messages.pose_stamped(
                 'map', stamp or self._stamp(), *position, 0.0, 0.0))

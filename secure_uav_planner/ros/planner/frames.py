@@ -78,7 +78,7 @@ class Frames:
         self._listener = self._tf2.TransformListener(self._buffer, self._node)
 
     def _lookup(self, message: Message, frame_id: str) -> Transform:
-        """Return the transform of a message at its stamp, or the last one if both are close."""
+        """Return the transform at a message's stamp, or the last one if _LONGEST_LAG allows."""
         header, latest = message.header, Time()  # Time 0 asks tf2 for the last one.
         try:
             return self._buffer.lookup_transform(

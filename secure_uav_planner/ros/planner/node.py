@@ -376,7 +376,7 @@ class Planner(WorkingNode):
         return outcome.text
 
     def _prove_bound(self) -> None:
-        """With `bound` 'after', start to prove the last plan's bound unless it has one."""
+        """With `bound` 'after' and an idle solver, prove the last plan's bound if it has none."""
         plan = self._state.plan
         if (self._settings.bound != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):

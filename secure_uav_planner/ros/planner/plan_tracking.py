@@ -58,7 +58,7 @@ class PlanTracking:
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
-        """Track a plan as the newest, published at `now` [s]; forget plans of long ago."""
+        """Track a plan published at `now` [s] as the newest one; drop all but the last few."""
         # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
         # A plan that is published again moves to the end of the dict.
@@ -138,7 +138,7 @@ class PlanTracking:
 
     def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
         """
-        Return the delay of a flight behind the schedule of its promise [s]; negative if early.
+        Return the delay [s] of a flight behind the schedule of its promise; negative if early.
 
         :param times_ns: a report: (time of the clock, time of the plan) in ns. None for the last.
         """
@@ -341,7 +341,7 @@ class PlanTracking:
         """
         Add the measured positions to the achieved rates, and each state to its UAV's watch.
 
-        The rates count a time only if the position of every UAV is known.
+        The rates include only times at which the state of every UAV is known.
         """
         flight = self.flight(now)
         for name in settings.uavs:

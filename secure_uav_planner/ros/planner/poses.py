@@ -158,7 +158,7 @@ class PoseBook:
         self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
-        """Keep a pose as its topic's latest, unless a newer one came _KEPT_BEFORE_OLDER ago."""
+        """Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before."""
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.
@@ -218,7 +218,7 @@ class PoseBook:
         return self._poses.get(topic)
 
     def ages(self, settings: PlannerSettings, now: float) -> dict[str, float]:
-        """Return the age of the last pose of each topic in s; NaN before the first."""
+        """Return the age [s] of the last pose of each member's topics; NaN before the first."""
         poses = {topic: self._poses.get(topic) for name in (*settings.receivers, *settings.uavs)
                  for topic in member_topics(name)}
         return {topic: math.nan if pose is None else pose.age(now)

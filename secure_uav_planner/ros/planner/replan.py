@@ -236,7 +236,7 @@ class Replanning:
 
     def take_remainder(self, rule: Rule, settings: PlannerSettings, now: float) -> Remainder:
         """
-        Return the remainder of the mission, which is due by a rule; the rules count from now.
+        Return the remainder of the mission, which is due by a rule; _last_planned becomes now.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """

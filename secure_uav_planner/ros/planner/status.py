@@ -86,7 +86,7 @@ class State:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """Note and return a refusal: WARN; OK for a stopped replan; ERROR if no PlanningError."""
+        """Note and return a refusal: OK for a stopped replan, ERROR for a failure, else WARN."""
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'
@@ -101,7 +101,7 @@ class State:
 
 
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
-    """Return a summary of a plan in one line, without any position."""
+    """Return one line on a plan: method, promised rates, time, distances and bound."""
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
     promise, names = plan.promise, plan.scenario.ground_node_names
     nodes = '' if len(names) == 1 else '; ' + ', '.join(

@@ -116,7 +116,7 @@ class Guard:
         return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
 
     def stream(self, now: int, limits: Limits) -> Stream:
-        """Return the Stream; its reason is the last refusal, unless that is old or one passed."""
+        """Return the Stream, with the last refusal until it is old or a setpoint passes."""
         reason, refusal_ns = self._refusal
         is_refused = reason and _within(refusal_ns, now, limits.timeout)
         if self._last is None:

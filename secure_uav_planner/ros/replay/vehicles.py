@@ -30,7 +30,7 @@ class Vehicles:
         self._odometry[topic.partition('/')[0]] = now_ns, message
 
     def position(self, name: str, frame_id: str, now_ns: int) -> Point3 | str:
-        """Return the position of a UAV by odometry, (x, y, z) in m; if unknown, why in words."""
+        """Return a UAV's position by odometry, (x, y, z) in m, or in words what is missing."""
         received, message = self._odometry.get(name, (0, None))
         if message is None or not 0 <= now_ns - received <= _FRESH_S * 1e9:
             return f'odometry of {name}'
