@@ -73,7 +73,7 @@ def read_relay_state(message: DiagnosticStatus) -> RelayState | None:
     values = {entry.key: entry.value for entry in message.values}
     try:
         return RelayState(brief(message.name.rpartition(': ')[0], 100),
-                          {name: name for name in _TEXTS}[values['state']],
+                          {name: name for name in _TEXTS}[values['state']],  # Only known names.
                           float(values['duration']), brief(values['reason']))
     except (KeyError, ValueError):
         return None

@@ -191,7 +191,7 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the zones and the geofence of the parameter values by the fields of Scenario."""
+    """Return zones and geofence by the fields of Scenario; a ceiling of 0 is infinite."""
     zones = (NoFlyZone(points_from(f'{name}.vertices', values[f'{name}.vertices']),
                        values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
              for name in values['no_fly_zones'])
@@ -228,7 +228,7 @@ def load_mission(file: str) -> dict[str, Any]:
 
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
-    """Return the values of a mission by parameter, and its tracks by receiver."""
+    """Return a mission's values by parameter; 'tracks' has the tracks by receiver."""
     uavs, channel, origin = mission.uavs, mission.channel, mission.origin
     nodes = dict(zip(mission.ground_node_names, mission.ground_nodes, strict=True))
     eavesdroppers = dict(zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True))

@@ -358,9 +358,10 @@ class Planner(WorkingNode):
     def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], begin: float = -math.inf
                       ) -> None:
         """
-        Publish and track the last plan of the state.
+        Publish the last plan of the state by its messages, track it, and publish the status.
 
-        :param begin: time of the plan in s from which its receivers are the present ones.
+        :param outgoing: serialized messages of the plan by topic.
+        :param begin: time of the plan [s] from which its receivers are the present ones.
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)

@@ -74,7 +74,7 @@ class StartTime:
     @classmethod
     def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
-        """Return the StartTime of a request at now_ns; in flight, at least replan_lead ahead."""
+        """Return the StartTime of a request at now_ns; while flying, replan_lead ahead or more."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay

@@ -68,7 +68,7 @@ class State:
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
-        """Make a replan the last plan; return False if the last plan had its identity already."""
+        """Make a replan the last plan; return False if the last plan has the same identity."""
         is_new = self.plan is None or plan.identity != self.plan.identity
         self._keep(plan, is_replan=True)
         if is_new:
@@ -102,15 +102,15 @@ class State:
 
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
     """Return one line on a plan: method, promised rates, time, distances and bound."""
-    near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
+    near, rate_name = closest_approach_text(plan), plan.scenario.channel.rate_name
     promise, names = plan.promise, plan.scenario.ground_node_names
     nodes = '' if len(names) == 1 else '; ' + ', '.join(
         f'{name} {rate_text(rate)}' for name, rate in zip(names, promise.node_rates, strict=True))
     of_all = (f'; {promise.text}; all slots: {plan.guaranteed_rate:.4f}, '
               f'{plan.worst_case_rate:.4f} bit/s/Hz' if promise.is_partial else '')
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {rate_text(promise.guaranteed_rate)}, '
-            f'{name("worst_case")} {rate_text(promise.worst_case_rate)} bit/s/Hz{of_all}, '
+            f'{rate_name("guaranteed")} {rate_text(promise.guaranteed_rate)}, '
+            f'{rate_name("worst_case")} {rate_text(promise.worst_case_rate)} bit/s/Hz{of_all}, '
             f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
             f'{rate_text(promise.curve_rate)}{nodes}' + (f'; {near}' if near else '')

@@ -202,7 +202,7 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
 
 
 def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits) -> str:
-    """Return the reason why a setpoint does not continue the last one, or an empty string."""
+    """Return why a setpoint is older than the last one or too far from it, or an empty string."""
     assert last is not None
     step = (setpoint.time_ns - last.time_ns) * 1e-9
     if step < 0:

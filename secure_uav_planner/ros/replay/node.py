@@ -103,7 +103,7 @@ class Replay(WorkingNode):
         self._release = Release(0)  # Release of the last start.
         self._vehicles = Vehicles()
         self._ticked_ns = 0  # Time of the last tick by the node's clock [ns].
-        self._lost = set[str]()  # UAVs that are off their plan, so that no power is sent.
+        self._lost = set[str]()  # UAVs for which no power is sent; see _update_silence.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
@@ -296,12 +296,11 @@ class Replay(WorkingNode):
 
     def _update_silence(self, now_ns: int) -> bool:
         """
-        Return True if a UAV is off its plan during the flight, so that no power may be sent.
+        Return True if find_lost finds a UAV during the flight, so that no power may be sent.
 
-        It logs each change of the UAVs that are off their plan.
+        Each change of these UAVs is logged.
         """
-        # For each UAV that is off its plan, a sentence that says so.
-        lost: dict[str, str] = {}
+        lost: dict[str, str] = {}  # The reason in words by UAV.
         if self._player.streaming and self._flight.is_under_way:
             lost = self._vehicles.find_lost(
                 self._flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,

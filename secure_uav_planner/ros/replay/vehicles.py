@@ -51,7 +51,7 @@ class Vehicles:
         """
         Return the names of the UAVs that are not on their plan, each with the reason in words.
 
-        A UAV is off its plan beyond the tolerance, or beyond the tracking_margin if it is larger.
+        A UAV is off its plan if it is farther from it than `tolerance` and the tracking_margin.
         A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
         pass the UAV's setpoints on.
 
