@@ -135,7 +135,7 @@ def plan_text(plan: Plan, frame_id: str) -> String:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """Return the flown curve of the UAV with index `uav` at the plan's points, as one joint."""
+    """Return the flown curve of UAV `uav`, an index, at the points' times, as one joint."""
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
     points = [_trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
               for (x, y), yaw, velocity, acceleration, time in zip(
@@ -247,7 +247,7 @@ def check_versions(node: Node, kinds: Iterable[str]) -> None:
 
 
 def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
-    """Set fields of a message by name, with mappings for nested messages; return the message."""
+    """Set fields of a message by name and return it; a mapping is a message, a list an array."""
     for field, value in values.items():
         if isinstance(value, Mapping):
             fill_message(getattr(message, field), value)

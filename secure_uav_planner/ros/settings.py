@@ -75,7 +75,7 @@ class Settings(Generic[Kind]):
             self._values[name] = spec.convert(name, value, 'parameter ')
             self._node.declare_parameter(
                 name, self._values[name], spec.descriptor(), ignore_override=True)
-            if name == 'mission_file' and value:  # It is declared first.
+            if name == 'mission_file' and value:  # The first parameter.
                 self._mission_values = load_mission(value)
                 self._values['tracks'] = self._mission_values.pop('tracks')
 

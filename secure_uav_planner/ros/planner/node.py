@@ -54,8 +54,8 @@ class Planner(WorkingNode):
         self._declared = Settings(self, PLANNER, PlannerSettings.from_values, PLANNER_MEMBERS)
         check_plan_file(self._settings.plan_file)
         self._plan_file = self._settings.plan_file
-        self._file_holder = reserve_plan_file(self._plan_file) if self._plan_file else None
-        if self._plan_file and self._file_holder is None:
+        self._file_reservation = reserve_plan_file(self._plan_file) if self._plan_file else None
+        if self._plan_file and self._file_reservation is None:
             self.get_logger().warning(
                 f'plan_file: another planner keeps its plan in {brief(self._plan_file)}; this one '
                 'neither reads nor writes it; give each planner a file of its own')
@@ -110,8 +110,8 @@ class Planner(WorkingNode):
     def close(self) -> bool:
         """Answer the present call, and stop the solve; return True if its thread has ended."""
         super().close()
-        if self._file_holder is not None:
-            self._file_holder.close()
+        if self._file_reservation is not None:
+            self._file_reservation.close()
         self._call.reply(False, 'the planner is stopping')
         return self._solver.close(timeout=1.0)
 

@@ -268,7 +268,7 @@ class PlanTracking:
     def _state(self, name: str, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> MeasuredState | None:
         """
-        Return the state of a UAV by its freshest usable pose, or None.
+        Return the state of a UAV by its usable pose, or None.
 
         With a flight, the state's time [s] counts from point 0 of the plan, and its velocity is
         the measured one divided by the playback speed; None while the flight is held. Without a

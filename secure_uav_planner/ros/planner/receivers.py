@@ -126,9 +126,9 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
 
     With a max_speed the receiver may go anywhere from its measured place at max_speed. If its
     measured speed is larger, it may do so at this speed plus the error of the velocity. Without a
-    max_speed it goes straight on. A message does not say how
-    position and velocity correlate, so the standard deviation after t s is bounded by the standard
-    deviation of the position plus t times the standard deviation of the velocity.
+    max_speed it goes straight on, and its radius grows by the error of the velocity. A message
+    does not say how position and velocity correlate. The standard deviation after t s is therefore
+    bounded by the position's plus t times the velocity's.
     """
     velocity, growth = (0.0, 0.0), 0.0
     if pose.velocity is not None and pose.velocity_covariance is not None:

@@ -123,9 +123,10 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     Return the level of the planner's status and a text that explains it.
 
     ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or a
-    promise has ended, or the last request was refused, or its plan has not converged or lets UAVs
-    come close without a separation. OK: none of these. During a solve, its progress replaces the
-    last outcome, also in the level. STALE is not used: tools take it for a node that is silent.
+    promise has ended, or the last request was refused, or its plan has not converged, has no
+    promised slot, or lets UAVs come close without a separation. OK: none of these. During a solve,
+    its progress replaces the last outcome, also in the level. STALE is not used, because tools
+    take it for a node that is silent.
     """
     level, text = outcome.level, outcome.text
     if progress is not None:
