@@ -83,9 +83,9 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write setpoints at `frequency` [Hz], and secrecy rates for each slot's worst place."""
+    """Write setpoints at `frequency` [Hz], and the rate for each slot's worst eavesdropper."""
     scenario, playback = plan.scenario, Playback(plan)
-    worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
+    worst = channel.worst_case_places(scenario, plan.positions, plan.powers)  # (N, 2) in m
     times = np.arange(0.0, playback.duration, 1.0 / frequency)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)

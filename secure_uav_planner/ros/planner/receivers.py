@@ -62,7 +62,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     A receiver starts at its usable pose. Without one, it moves on its track in the mission file.
 
     :param now: time of the clock [s].
-    :param clock: clock of the plan, whose time_scale is not 0.
+    :param clock: clock of the plan that converts to its time; its time_scale is not 0.
     :param end: end of the flight [s] from point 0.
     :raises ScenarioError: for a track whose values are out of range.
     """

@@ -196,7 +196,7 @@ class Replanning:
         distance = settings.replan_distance
         if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
             return False
-        updated, _ = self._update(flight, settings, now)
+        updated, _ = self._update_receivers(flight, settings, now)
         return has_moved(flight.playback.plan.scenario, updated,
                          max(flight.time, self._updated_from), distance)
 
@@ -236,13 +236,13 @@ class Replanning:
 
     def take_remainder(self, rule: Rule, settings: PlannerSettings, now: float) -> Remainder:
         """
-        Return the remainder of the mission, which is due by a rule; _last_planned becomes now.
+        Return the remainder of the mission, due by a rule; note its time and the stopped UAVs.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
         assert flight is not None
-        updated, receivers = self._update(flight, settings, now)
+        updated, receivers = self._update_receivers(flight, settings, now)
         self._last_planned = now
         self._stopped = self._find_stopped(settings)
         return Remainder(rule, flight, now, self._first_point(flight, settings),
@@ -273,8 +273,8 @@ class Replanning:
         return find_first_point(flight.playback.plan.scenario,
                                 flight.time + settings.replan_lead * flight.time_scale)
 
-    def _update(self, flight: Flight, settings: PlannerSettings, now: float
-                ) -> tuple[Scenario, Receivers]:
+    def _update_receivers(self, flight: Flight, settings: PlannerSettings, now: float
+                          ) -> tuple[Scenario, Receivers]:
         """Return the flight's scenario with newly predicted receivers, and these Receivers."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),

@@ -290,7 +290,7 @@ class Replay(WorkingNode):
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
             self._streamed += 1
-            self._tell_promise()
+            self._log_promise()
         if was_playing and player.ended:
             self._announce_end()
 
@@ -350,7 +350,7 @@ class Replay(WorkingNode):
                 data=flight.playback.secrecy_rate(flight.time, self._eavesdropper)
                 if moment.powers.any() else 0.0))
 
-    def _tell_promise(self) -> None:
+    def _log_promise(self) -> None:
         """Log when the flight enters slots that are not promised, and when it leaves them."""
         flight, identity = self._flight, self._flight.playback.plan.identity
         # Number of the present slot if it is not promised; 0 in any other slot or outside slots.
