@@ -106,8 +106,8 @@ class _Bag:
 
     def __init__(self, file: IO[bytes], start_ns: int) -> None:
         self._start_ns = start_ns
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}  # Number of a schema in the file by message type.
+        self._channels: dict[str, int] = {}  # Number of a channel in the file by topic.
         self._writer = Writer(file)
         self._writer.start(profile='ros2', library='secure_uav_planner')
 

@@ -35,11 +35,11 @@ class LocalFrames:
                  vehicles: Mapping[str, str],
                  on_change: Callable[[str, Callable[[Vector], Vector] | None], None]) -> None:
         self._current, self._log, self._on_change = current, node.get_logger(), on_change
-        self._origin = current().origin
-        self._references: dict[str, Reference] = {}
-        self._frames: dict[str, Origin] = {}
+        self._origin = current().origin  # Origin of the mission's frame on Earth, or None.
+        self._references: dict[str, Reference] = {}  # Last message used of each UAV.
+        self._frames: dict[str, Origin] = {}  # Origin of each UAV's local frame on Earth.
         self._unknown: dict[str, str] = {}  # Why the frame of a UAV is unknown, by the UAV's name.
-        self.moves: dict[str, str] = {}
+        self.moves: dict[str, str] = {}  # What has happened to the frame of a UAV, in words.
         for name, vehicle in vehicles.items():
             self._subscribe(node, name, vehicle, current().uavs[name].reference)
 

@@ -56,7 +56,7 @@ class Settings(Generic[Kind]):
         self._make = make
         self._values: dict[str, Any] = {'tracks': {}}  # Tracks of the mission file by receiver.
         self._node = node
-        self._mission_values: dict[str, Any] = {}
+        self._mission_values: dict[str, Any] = {}  # Values of the mission file by parameter.
         self._declare(specs)
         self._declare(read_member_specs(self._values, sections))
         self.current = make(self._values)

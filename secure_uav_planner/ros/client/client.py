@@ -88,8 +88,8 @@ class SecurePlanner:
         self._namespace, self._on_status = namespace, on_status
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
-        self._arrived = threading.Condition()
-        self._stop = threading.Event()
+        self._arrived = threading.Condition()  # Notified when messages may have arrived.
+        self._stop = threading.Event()  # Set when the block is left.
 
     def __enter__(self) -> 'SecurePlanner':
         """Join the ROS graph, and receive messages in the client's thread."""

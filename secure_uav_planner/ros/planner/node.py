@@ -75,7 +75,7 @@ class Planner(WorkingNode):
         # Time, by time.monotonic, until which a restored plan's follower may be discovered.
         self._discovery_deadline = 0.0
         self._replanning = Replanning(self._poses, self._tracking)
-        self._replan_problem = ''
+        self._replan_problem = ''  # Why the rest of the mission cannot be planned again.
         self._make_interface()
         self._restore()
         self._publish_status()

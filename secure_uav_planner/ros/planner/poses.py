@@ -103,7 +103,8 @@ class PoseBook:
         # Times [s] and positions [m] of the last second by topic, which give a velocity.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._discs: dict[str, _Disc] = {}
-        self._latest, self._was_set_back = -math.inf, False  # Latest time of the clock [s].
+        self._latest = -math.inf  # Latest time of the clock [s].
+        self._was_set_back = False  # Whether the clock has ever jumped back.
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
 
     def take(self, topic: str, message: Message, settings: PlannerSettings, now: float,

@@ -146,8 +146,7 @@ class Replanning:
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
-        # Time [s] at which the last plan was published or, if later, the last replan began.
-        self._last_planned = -math.inf
+        self._last_planned = -math.inf  # When a plan was last published or a replan began [s].
         self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
         self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
         self._updated_from = -math.inf  # Plan time [s] from which receivers are updated.

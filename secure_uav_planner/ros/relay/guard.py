@@ -79,7 +79,7 @@ class Guard:
         self._last_arrived = 0  # Arrival [ns] of the last setpoint with a fresh stamp.
         self._refusal = '', 0  # Reason and arrival [ns] of the last refused setpoint.
         self._vehicle: tuple[Vector, int] | None = None  # Measured position; its arrival [ns].
-        self._has_moved = False  # Whether the frame has moved since a setpoint has passed.
+        self._has_moved = False  # Whether the frame has moved since the last setpoint passed.
 
     def note_position(self, place: Vector, now: int) -> None:
         """Note the measured position of the vehicle, in the frame of the setpoints."""

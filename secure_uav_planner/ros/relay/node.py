@@ -90,6 +90,7 @@ class Relay(WorkingNode):
         self._streams = {name: (Stream('silent'), time.monotonic()) for name in uavs}
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
+        # Publishers to the autopilot, and last messages of its state, by UAV and kind of message.
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._states: dict[str, dict[str, Any]] = {name: {} for name in uavs}
         topics = dict(TOPICS['relay', 'pub'])
