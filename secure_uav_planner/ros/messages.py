@@ -101,7 +101,7 @@ def _stamped(message: Any, frame_id: str, stamp: Stamp) -> Any:
 
 
 def path(plan: Plan, uav: int, frame_id: str) -> Path:
-    """Return the nav_msgs/Path of a UAV by index; each pose is a point with its time."""
+    """Return the nav_msgs/Path of the UAV with index `uav`: a pose, with its time, per point."""
     altitude, headings = plan.scenario.uavs[uav].altitude, plan.curve.at(plan.times).headings
     poses = [pose_stamped(frame_id, stamp_at(plan, time), x, y, altitude, yaw)
              for time, (x, y), yaw in zip(plan.times.tolist(), plan.positions[uav].tolist(),
@@ -135,7 +135,7 @@ def plan_text(plan: Plan, frame_id: str) -> String:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """Return the flown curve of a UAV at the times of the points; the joint has its name."""
+    """Return the flown curve of UAV `uav`, an index, at the points' times, as one joint."""
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
     points = [_trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
               for (x, y), yaw, velocity, acceleration, time in zip(
@@ -149,7 +149,7 @@ def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
                         ) -> MultiDOFJointTrajectory:
     """
-    Return one point, which an autopilot can follow without lag.
+    Return the setpoint of the UAV `name` as a trajectory of one point.
 
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
@@ -161,7 +161,7 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
 def _trajectory_point(place: Vector, yaw: float, velocity: Sequence[float],
                       acceleration: Sequence[float], seconds: float = 0.0
                       ) -> MultiDOFJointTrajectoryPoint:
-    """Return a trajectory point of one joint from its motion; see trajectory_setpoint."""
+    """Return a point of one joint, `seconds` after the first; see trajectory_setpoint."""
     point, transform = MultiDOFJointTrajectoryPoint(), Transform()
     _set_pose(transform.translation, transform.rotation, *place, yaw)
     point.transforms = [transform]
@@ -178,7 +178,7 @@ def _twist(vector: Sequence[float]) -> Twist:
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Vector,
              yaw: float, velocity: Sequence[float]) -> Odometry:
-    """Return the Odometry of a UAV; it has the velocity (x, y) in m/s in its own frame."""
+    """Return Odometry; `velocity` (x, y) [m/s] in frame_id is turned by -yaw into the body's."""
     message = Odometry(child_frame_id=child_frame_id)
     message.pose.pose = pose(*place, yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
@@ -191,7 +191,7 @@ def read_setpoint(message: MultiDOFJointTrajectory) -> Setpoint:
     """
     Return the Setpoint in a message. A yaw rate of zero is read as no yaw rate.
 
-    :raises OptionError: if the message has not one point with a transform, or for a wrong value.
+    :raises OptionError: unless there is one point, with a transform, or for a wrong value.
     :raises PoseError: if the rotation is not a quaternion of length 1.
     """
     if len(message.points) != 1 or not message.points[0].transforms:
@@ -218,10 +218,10 @@ def message_class(kind: str) -> Any:
 def import_messages(parameter: str, value: str, source: Stack | ReferenceSource,
                     kinds: Iterable[str]) -> list[Any]:
     """
-    Return the classes of messages by their names.
+    Return the classes of the messages with names `kinds`, in this order.
 
-    :param source: says how to get their package.
-    :raises ParameterError: for a parameter with a value that needs them, if it is missing.
+    :param source: stack or reference, which says how to get the messages' package.
+    :raises ParameterError: if that is missing; `parameter` and its `value` need it.
     """
     try:
         return [message_class(kind) for kind in kinds]
@@ -235,7 +235,7 @@ def import_messages(parameter: str, value: str, source: Stack | ReferenceSource,
 
 
 def check_versions(node: Node, kinds: Iterable[str]) -> None:
-    """Log a warning for each message, by its name, with a version that was not tried."""
+    """Log a warning for each named message whose MESSAGE_VERSION is not in TRIED_VERSIONS."""
     for kind in kinds:
         version = getattr(message_class(kind), 'MESSAGE_VERSION', None)
         tried = TRIED_VERSIONS.get(kind)
@@ -247,7 +247,7 @@ def check_versions(node: Node, kinds: Iterable[str]) -> None:
 
 
 def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
-    """Set fields of a message by name, with mappings for nested messages; return the message."""
+    """Set fields of a message by name and return it; a mapping is a message, a list an array."""
     for field, value in values.items():
         if isinstance(value, Mapping):
             fill_message(getattr(message, field), value)
@@ -262,7 +262,7 @@ def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
 
 def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
                       ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus with the values by key: six digits, and `none` for NaN."""
+    """Return a DiagnosticStatus with values by key: floats with six digits, NaN as `none`."""
     def text(value: Any) -> str:
         if not isinstance(value, float):
             return str(value)
@@ -307,7 +307,7 @@ def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
 
 
 def plan_messages(plan: Plan, frame_id: str, time: float = 0.0) -> Iterator[tuple[str, Any]]:
-    """Yield the topic and the message of each part of a plan; see markers."""
+    """Yield (topic, message) of each UAV's plan and of the whole plan; see markers for `time`."""
     for index, uav in enumerate(plan.scenario.uavs):
         yield f'{uav.name}/path', path(plan, index, frame_id)
         yield f'{uav.name}/power', power(plan, index)
@@ -326,7 +326,7 @@ def serialize_plan(plan: Plan, frame_id: str, time: float = 0.0) -> dict[str, by
 
 def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
                       ) -> Iterator[tuple[str, Any]]:
-    """Yield the topic and the message of each part of the setpoints of a moment."""
+    """Yield (topic, message) of each UAV's setpoints, of the markers and of the served node."""
     spheres = []
     for index, (uav, (x, y), yaw, velocity, acceleration, watts) in enumerate(zip(
             scenario.uavs, moment.positions, moment.headings, moment.velocities,
@@ -343,13 +343,13 @@ def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: 
             _marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size), place),
             frame_id, stamp))
     yield '~/markers', MarkerArray(markers=spheres)
-    transmits = moment.powers[0] > 0 and moment.shares.any()
+    transmits = moment.powers[0] > 0 and moment.shares.any()  # UAV 0 serves the ground nodes.
     yield 'setpoint/served', String(
         data=scenario.ground_node_names[moment.shares.argmax()] if transmits else '')
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:
-    """Return prism, edges and name of each zone, and edges of the geofence and the margin."""
+    """Return markers of zones (prism, edges and name), of the geofence, and of their margins."""
     high, margin = 1.2 * max(uav.altitude for uav in scenario.uavs), scenario.tracking_margin
     marks, margins = [], []
     for index, (zone, name) in enumerate(
@@ -379,7 +379,7 @@ def _edges(vertices: Vertices, floor: float, top: float) -> list[Vector]:
 
 
 def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Vector]:
-    """Return the walls and the top of a prism as triangles, three points each."""
+    """Return the corners (x, y, z) of triangles, three each, of a prism's walls and its top."""
     walls = [place for (x, y), (to_x, to_y) in pairwise([*zone.vertices, zone.vertices[0]])
              for place in ((x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
                            (x, y, floor), (to_x, to_y, top), (x, y, top))]

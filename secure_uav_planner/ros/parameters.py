@@ -68,7 +68,7 @@ class Spec:
         return isinstance(self.default, list) and self.limits is None
 
     def convert(self, name: str, value: Any, prefix: str = '') -> Any:
-        """Return the value in the parameter's type, or raise a ParameterError with a prefix."""
+        """Return the value in the parameter's type; the text of an error begins with `prefix`."""
         try:
             return self._convert(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
@@ -97,7 +97,7 @@ class Spec:
 
     def _convert_number(self, value: Any, kind: type) -> float:
         """Return a number within the limits as int or float, or raise a ValueError."""
-        # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
+        # A float may be written as 150 in YAML, and an integer as 1e2.
         assert self.limits is not None
         low, high = self.limits
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
@@ -149,7 +149,7 @@ def read_specs(section: str, member: str = '', index: int = 0) -> dict[str, Spec
 
 def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
     """
-    Return the Spec of a row; a row with a `field` takes default and limits from this field.
+    Return the Spec of a row of the table; a `field` gives the default and the limits.
 
     :param row: keys of Spec, or `field` such as 'Uav.altitude' and `none`, the value for None.
     :param owners: an object of each class, such as 'Uav', whose field values are the defaults.
@@ -177,11 +177,7 @@ def _to_value(field: Any, none: Any) -> Any:
 
 
 def _list_fields(section: str, kind: type) -> Iterator[tuple[str, str, Any]]:
-    """
-    Yield the parameters of a section that are fields of a class, each as three values.
-
-    They are the parameter's name, the field's name, and the parameter's value that means None.
-    """
+    """Yield (parameter, field of `kind`, parameter's value for None) of a section of the table."""
     for name, row in _TABLE[section].items():
         owner, _, field = row.get('field', '').partition('.')
         if owner == kind.__name__:
@@ -216,7 +212,7 @@ def read_member_specs(values: Mapping[str, Any], sections: Mapping[str, str]) ->
 
     :param values: values of the parameters that list the names of members.
     :param sections: sections of the table by these parameters, such as PLANNER_MEMBERS.
-    :raises ParameterError: for names that are not unique.
+    :raises ParameterError: for a name that two members of any kind share.
     """
     names = [name for kind in sections for name in values[kind]]
     if len(set(names)) < len(names):

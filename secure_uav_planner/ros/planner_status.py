@@ -164,7 +164,7 @@ class PlannerStatus:
         :raises OptionError: for a value that its field does not take.
         """
         tree: _Node = {'level': {None: message.level}, 'text': {None: message.message}}
-        for entry in message.values:
+        for entry in message.values:  # The text of the key 'a.b' is at tree['a']['b'][None].
             node = tree
             for part in entry.key.split('.'):
                 node = node.setdefault(part, {})
@@ -174,7 +174,7 @@ class PlannerStatus:
 
 
 def list_keys(kind: Any = PlannerStatus, prefix: str = '') -> Iterator[tuple[str, str]]:
-    """Yield the key and the meaning of each value of a status, with `<uav>` for any UAV."""
+    """Yield the key of each value of a status, with placeholders as `<uav>`, and its meaning."""
     hints = get_type_hints(kind)
     for entry in fields(kind):
         hint, member = hints[entry.name], entry.metadata.get('member', '')
@@ -195,8 +195,8 @@ def _list_values(group: Any, prefix: str) -> Iterator[tuple[str, object]]:
     """
     Yield the key and the value of each field of a group that the status message carries.
 
-    None, groups that equal their defaults, and fields of the whole status without metadata, such
-    as its level, are left out.
+    Left out are None, groups that equal their defaults, and the fields `level` and `text` of the
+    whole status, which have no key.
     """
     for entry in fields(group):
         value, key = getattr(group, entry.name), _key(entry, prefix)

@@ -41,9 +41,10 @@ class WorkingNode(Node):
 
     def find_longest_step(self) -> float:
         """
-        Return the largest step [s] of the node's clock since the last call without a jump ahead.
+        Return the largest step [s] of the node's clock since the last call that is not a jump.
 
-        It is speed * (real time since the last call) + error; call it right before the clock.
+        It is speed * (real time since the last call) + error. To be called right before the clock
+        is read.
         """
         before, self._clock_read = self._clock_read, time.monotonic()
         speed, error = _SIMULATED_CLOCK if is_simulated(self) else _REAL_CLOCK
@@ -104,13 +105,15 @@ def spin(node: WorkingNode, stop: threading.Event) -> tuple[bool, BaseException 
     """
     Run the callbacks of a node until an event, then close the node.
 
-    :return: True if close() left no thread at work; the error of an invalid context, or None.
+    :return: whether close() left no thread at work, and the error by which the node's context
+        became invalid, or None.
     """
     # A MultiThreadedExecutor polls tasks until their threads begin, and so blocks these threads.
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
 
     def spin_once(timeout: float) -> Exception | None:
+        """Run a callback that is due within a time [s]; log and return its error, or None."""
         try:
             executor.spin_once(timeout_sec=timeout)
         except Exception as error:

@@ -39,7 +39,7 @@ _QOS = """- history: keep_last
 def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
            frequency: float = 5.0) -> None:
     """
-    Write the messages of the planner and the replay node for a plan, flown in real time.
+    Write an MCAP file of what the planner and the replay publish for a plan, in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
     :param frequency: frequency of the setpoints [Hz] in the plan's time.
@@ -83,9 +83,9 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write the setpoints, and the secrecy rate for the worst-case eavesdropper of each slot."""
+    """Write setpoints at `frequency` [Hz], and the rate for each slot's worst eavesdropper."""
     scenario, playback = plan.scenario, Playback(plan)
-    worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
+    worst = channel.worst_case_places(scenario, plan.positions, plan.powers)  # (N, 2) in m
     times = np.arange(0.0, playback.duration, 1.0 / frequency)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
@@ -106,13 +106,13 @@ class _Bag:
 
     def __init__(self, file: IO[bytes], start_ns: int) -> None:
         self._start_ns = start_ns
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}  # Number of a schema in the file by message type.
+        self._channels: dict[str, int] = {}  # Number of a channel in the file by topic.
         self._writer = Writer(file)
         self._writer.start(profile='ros2', library='secure_uav_planner')
 
     def write(self, topic: str, message: Any, time: float = 0.0, latched: bool = False) -> None:
-        """Write a message at a time in s from the start of the plan."""
+        """Write a message at a time [s] from point 0; a latched topic keeps its last message."""
         if topic not in self._channels:
             qos = _QOS.format(depth=1 if latched else 10,
                               durability='transient_local' if latched else 'volatile')

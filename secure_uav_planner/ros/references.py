@@ -35,16 +35,16 @@ class LocalFrames:
                  vehicles: Mapping[str, str],
                  on_change: Callable[[str, Callable[[Vector], Vector] | None], None]) -> None:
         self._current, self._log, self._on_change = current, node.get_logger(), on_change
-        self._origin = current().origin
-        self._references: dict[str, Reference] = {}
-        self._frames: dict[str, Origin] = {}
+        self._origin = current().origin  # Origin of the mission's frame on Earth, or None.
+        self._references: dict[str, Reference] = {}  # Last message used of each UAV.
+        self._frames: dict[str, Origin] = {}  # Origin of each UAV's local frame on Earth.
         self._unknown: dict[str, str] = {}  # Why the frame of a UAV is unknown, by the UAV's name.
-        self.moves: dict[str, str] = {}
+        self.moves: dict[str, str] = {}  # What has happened to the frame of a UAV, in words.
         for name, vehicle in vehicles.items():
             self._subscribe(node, name, vehicle, current().uavs[name].reference)
 
     def _subscribe(self, node: Node, name: str, vehicle: str, reference: str) -> None:
-        """Subscribe to where a UAV's autopilot reports the origin of its frame, if it does."""
+        """Subscribe to the origin of a UAV's frame, if `reference` names a kind of autopilot."""
         source = REFERENCES.get(reference)
         if source is None:
             return
@@ -61,7 +61,10 @@ class LocalFrames:
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """
-        Convert a position in the mission's frame, (x, y, z) in m, to a UAV's local frame.
+        Convert a position (x, y, z) [m] from the mission's frame to a UAV's local frame.
+
+        First `<uav>.origin` is subtracted. With `<uav>.reference`, x and y are then converted by
+        way of latitude and longitude.
 
         :raises PoseError: while the origin of the local frame is unknown.
         """
@@ -70,7 +73,7 @@ class LocalFrames:
         return (x, y, z) if frame is None else _convert((x, y, z), self._origin, frame)
 
     def to_mission(self, name: str, place: Vector) -> Vector:
-        """Convert a position in the local frame of a UAV's vehicle; the inverse of to_local."""
+        """Convert a position (x, y, z) [m] from a UAV's local frame; the inverse of to_local."""
         frame = self._frame(name)
         place = place if frame is None else _convert(place, frame, self._origin)
         x, y, z = (value + shift for value, shift in zip(place, self._shift(name), strict=True))
@@ -94,7 +97,7 @@ class LocalFrames:
         return f'the local frame of {name} is not known: {self._unknown[name]}'
 
     def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
-        """Use the reference of a local frame; log where it begins, or how far it moved."""
+        """Use the reference of a local frame and log its change; a bad one makes it unknown."""
         try:
             reference = read(message)
             if reference == self._references.get(name) and name not in self._unknown:

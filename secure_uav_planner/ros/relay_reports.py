@@ -73,7 +73,7 @@ def read_relay_state(message: DiagnosticStatus) -> RelayState | None:
     values = {entry.key: entry.value for entry in message.values}
     try:
         return RelayState(brief(message.name.rpartition(': ')[0], 100),
-                          {name: name for name in _TEXTS}[values['state']],
+                          {name: name for name in _TEXTS}[values['state']],  # Only known names.
                           float(values['duration']), brief(values['reason']))
     except (KeyError, ValueError):
         return None
@@ -92,7 +92,7 @@ class RelayReports:
         self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
-        """Keep a report from the topic `<uav>/relay`; return True if the state has changed."""
+        """Keep a report from a topic `<uav>/relay`; return True if its state has another name."""
         state, uav = read_relay_state(message), topic.partition('/')[0]
         if state is None:
             return False

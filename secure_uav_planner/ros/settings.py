@@ -56,14 +56,14 @@ class Settings(Generic[Kind]):
         self._make = make
         self._values: dict[str, Any] = {'tracks': {}}  # Tracks of the mission file by receiver.
         self._node = node
-        self._mission_values: dict[str, Any] = {}
+        self._mission_values: dict[str, Any] = {}  # Values of the mission file by parameter.
         self._declare(specs)
         self._declare(read_member_specs(self._values, sections))
         self.current = make(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, specs: Mapping[str, Spec]) -> None:
-        """Declare parameters; a value given to the node precedes the value of the mission file."""
+        """Declare parameters: with the given value, else the mission file's, else the default."""
         overrides = _overrides(self._node)
         for name, spec in specs.items():
             value = self._mission_values.get(name, spec.default)
@@ -75,7 +75,7 @@ class Settings(Generic[Kind]):
             self._values[name] = spec.convert(name, value, 'parameter ')
             self._node.declare_parameter(
                 name, self._values[name], spec.descriptor(), ignore_override=True)
-            if name == 'mission_file' and value:  # It is declared first.
+            if name == 'mission_file' and value:  # The first parameter.
                 self._mission_values = load_mission(value)
                 self._values['tracks'] = self._mission_values.pop('tracks')
 
@@ -146,13 +146,13 @@ class FrameSettings(Protocol):
 
 
 def check_references(values: Mapping[str, Any]) -> None:
-    """Raise a PlanningError for a `<uav>.reference` with which nothing can be converted."""
+    """Raise an error for a `<uav>.reference` without a matching origin, or with an x or y."""
     origin = origin_from(values)
     for name in values['uavs']:
         reference, place = values[f'{name}.reference'], values[f'{name}.origin']
         if reference == NO_REFERENCE:
             continue
-        if origin is None or reference == 'px4' != origin.projection:
+        if origin is None or reference == 'px4' and origin.projection != 'px4':
             raise ParameterError(
                 f'{name}.reference is {reference} and origin.projection is '
                 f'{values["origin.projection"]}; it must be '
@@ -170,7 +170,7 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
-    """Return the Uav of the parameter values."""
+    """Return the Uav of this name; a propulsion.model or a max_energy gives it a Propulsion."""
     fields = read_fields('uav', Uav, values, f'{name}.')
     if values[f'{name}.propulsion.model'] != NO_PROPULSION or fields['max_energy']:
         fields['propulsion'] = Propulsion(**read_fields('uav', Propulsion, values, f'{name}.'))
@@ -191,7 +191,7 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the zones and the geofence of the parameter values by the fields of Scenario."""
+    """Return zones and geofence by the fields of Scenario; a ceiling of 0 is infinite."""
     zones = (NoFlyZone(points_from(f'{name}.vertices', values[f'{name}.vertices']),
                        values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
              for name in values['no_fly_zones'])
@@ -209,7 +209,7 @@ def origin_from(values: Mapping[str, Any]) -> Origin | None:
 
 
 def points_from(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
-    """Return x1, y1, x2, y2, ... as points."""
+    """Return x1, y1, x2, y2, ... as points, or raise a ParameterError for an odd number."""
     if len(numbers) % 2:
         raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
                              'coordinates x1, y1, x2, y2, ...')
@@ -228,7 +228,7 @@ def load_mission(file: str) -> dict[str, Any]:
 
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
-    """Return the values of a mission by parameter, and its tracks by receiver."""
+    """Return a mission's values by parameter; 'tracks' has the tracks by receiver."""
     uavs, channel, origin = mission.uavs, mission.channel, mission.origin
     nodes = dict(zip(mission.ground_node_names, mission.ground_nodes, strict=True))
     eavesdroppers = dict(zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True))

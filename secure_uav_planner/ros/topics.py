@@ -172,7 +172,7 @@ def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, 
 def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Answer]]],
           group: CallbackGroup) -> None:
     """
-    Offer services.
+    Offer services of SERVICES, with introspection as the parameter service_introspection says.
 
     :param actions: the function of each service by name. It is called with the fields of a
         request, and returns success and message, or a coroutine that does. If it raises an error,
@@ -203,7 +203,7 @@ async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]],
 
 def _named(topics: Mapping[str, Topic], members: Mapping[str, Sequence[str]]
            ) -> Iterator[tuple[str, Topic]]:
-    """Yield topics by name, with one for each member in place of a placeholder."""
+    """Yield (name, topic); a placeholder before the first '/' gives one name for each member."""
     for name, topic in topics.items():
         first, _, rest = name.partition('/')
         yield from ([(f'{member}/{rest}', topic) for member in members[first]]

@@ -88,10 +88,11 @@ class SecurePlanner:
         self._namespace, self._on_status = namespace, on_status
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
-        self._arrived = threading.Condition()
-        self._stop = threading.Event()
+        self._arrived = threading.Condition()  # Notified when messages may have arrived.
+        self._stop = threading.Event()  # Set when the block is left.
 
     def __enter__(self) -> 'SecurePlanner':
+        """Join the ROS graph, and receive messages in the client's thread."""
         self._services: dict[str, tuple[Client, Client]] = {}
         self._publishers: dict[str, Publisher] = {}
         self._failures: deque[tuple[float, Exception]] = deque(maxlen=_MOST_FAILURES)
@@ -115,6 +116,7 @@ class SecurePlanner:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End the client's thread, and leave the ROS graph."""
         node, self._node = self.node, None
         self._stop.set()
         if self._thread is not None:
@@ -192,7 +194,7 @@ class SecurePlanner:
         self.send_pose(self._receivers[0], position, stamp)
 
     def send_pose(self, name: str, position: Point, stamp: Stamp | None = None) -> None:
-        """Publish the position of a UAV or of a receiver, (x, y) in m."""
+        """Publish the position (x, y) [m] of a member; an eavesdropper's by send_estimate."""
         if self._pose_kind(name) is PoseStamped:
             self._publisher(name, PoseStamped).publish(messages.pose_stamped(
                 'map', stamp or self._stamp(), *position, 0.0, 0.0))
@@ -202,7 +204,7 @@ class SecurePlanner:
     def send_estimate(self, name: str, position: Point, deviation: float = 0.0,
                       stamp: Stamp | None = None) -> None:
         """
-        Publish the estimate of an eavesdropper, (x, y) in m.
+        Publish the estimated position (x, y) [m] of an eavesdropper in the frame 'map'.
 
         :param deviation: standard deviation along each axis [m]. With 0, the planner takes the
             error radius from its parameter.
@@ -216,7 +218,7 @@ class SecurePlanner:
     def send_odometry(self, name: str, position: Point, velocity: Point, deviation: float = 0.0,
                       velocity_deviation: float = 0.0, stamp: Stamp | None = None) -> None:
         """
-        Publish position (x, y) in m and velocity (x, y) in m/s of a receiver or a UAV.
+        Publish position (x, y) [m] and velocity (x, y) [m/s] of a member in the frame 'map'.
 
         :param deviation: standard deviation of the position along each axis [m]; see
             send_estimate.
@@ -239,12 +241,11 @@ class SecurePlanner:
                    repeat: Callable[[], object] = lambda: None, timeout: float = _TIMEOUT
                    ) -> None:
         """
-        Wait until a condition is true; it is asked after each message.
+        Wait until a condition is true; it is evaluated after each message and every 0.05 s.
 
         :param what: what is waited for, for the error's text.
         :param repeat: called at the beginning and every 0.2 s.
-        :param timeout: [s].
-        :raises TimeoutError: when the condition is not true within the timeout.
+        :raises TimeoutError: when the condition is not true within the `timeout` [s].
         """
         self._wait(condition, time.monotonic() + timeout,
                    lambda: f'{what} did not come within {timeout:g} s', repeat)
@@ -253,9 +254,9 @@ class SecurePlanner:
         """
         Wait for a service of the nodes, call it, and return the message of its answer.
 
-        :param timeout: [s].
+        :param service: name of a Trigger service, such as 'replay/start'.
         :raises ClientError: with the message of the answer, if the service refuses.
-        :raises TimeoutError: when the service does not answer within the timeout.
+        :raises TimeoutError: when the service does not answer within the `timeout` [s].
         """
         until = time.monotonic() + timeout
         answer = self._find(service, timeout).call_async(Trigger.Request())
@@ -274,7 +275,7 @@ class SecurePlanner:
         return self._services[service]
 
     def _check_names(self, until: float) -> None:
-        """Raise a ClientError if the planner lacks a UAV of the scenario."""
+        """Wait for the planner's status; raise a ClientError if it lacks a UAV of the scenario."""
         self._wait(lambda: self.status.state, until,
                    lambda: 'the status of the planner did not come')
         members = {topic.partition('/')[0] for topic in self.status.pose_age}
@@ -285,16 +286,16 @@ class SecurePlanner:
                 f'planner has {", ".join(others) or "not all"}; give both the same mission')
 
     def _find(self, service: str, timeout: float) -> Client:
-        """Return the client of a service, once the service is there."""
+        """Return the client of a service, once the service has discovered it; see make_clients."""
         until, answers = time.monotonic() + timeout, list[Future]()
-        client, later = self._clients(service)
+        client, second_client = self._clients(service)
         # The service is awaited at each call, because the node may have been started again.
         self._wait(
             lambda: any(answer.done() for answer in answers), until, lambda: (
                 f'the service {service} did not come within {timeout:g} s; is the node '
                 f'{service.rpartition("/")[0]} running, with the namespace and the ROS_DOMAIN_ID '
                 'of this program?'),
-            lambda: answers.append(later.call_async(GetParameters.Request())))
+            lambda: answers.append(second_client.call_async(GetParameters.Request())))
         return client
 
     @staticmethod
@@ -308,9 +309,11 @@ class SecurePlanner:
     def _wait(self, condition: Callable[[], object], until: float, late: Callable[[], str],
               repeat: Callable[[], object] = lambda: None) -> None:
         """
-        Wait for a condition until a time of time.monotonic.
+        Wait for a condition until a time `until` [s] of time.monotonic.
 
         :param late: returns the text of the TimeoutError.
+        :param repeat: called at the beginning and every _REPEAT [s].
+        :raises ClientError: in the client's thread, after a failed callback, or if the block ends.
         """
         if threading.current_thread() is self._thread:
             raise ClientError("this call waits for messages, which arrive in the client's thread, "
@@ -340,7 +343,7 @@ class SecurePlanner:
                 else PoseStamped)
 
     def _publisher(self, name: str, kind: Any) -> Publisher:
-        """Return the publisher of poses or odometry of a member."""
+        """Return the publisher of a member's messages of a class; refuse a wrong pose class."""
         node, topic = self.node, f'{name}/{"odom" if kind is Odometry else "pose"}'
         if kind not in (Odometry, self._pose_kind(name)):
             raise ClientError(f'{name} is no eavesdropper')
@@ -366,10 +369,10 @@ class SecurePlanner:
         self.plan_time = message
 
     def _take_status(self, message: DiagnosticStatus) -> None:
-        """Keep the status in a message, and pass it on."""
+        """Keep the status in a message, and call on_status; ignore any other message."""
         try:
             self.status = PlannerStatus.from_message(message)
-        except OptionError:  # A stranger may publish on its topic what is not a status.
+        except OptionError:
             return
         self._on_status(self.status)
 

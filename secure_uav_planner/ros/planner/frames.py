@@ -68,7 +68,7 @@ class Frames:
         return transform_message(message, transform, frame_id)
 
     def _listen(self) -> None:
-        """Make the tf2 buffer and its listener, unless they are there."""
+        """Import tf2_ros, and make its buffer and its listener, unless there is a listener."""
         if self._listener is not None:
             return
         self._tf2 = import_module('tf2_ros')
@@ -78,8 +78,8 @@ class Frames:
         self._listener = self._tf2.TransformListener(self._buffer, self._node)
 
     def _lookup(self, message: Message, frame_id: str) -> Transform:
-        """Return the transform of a message at its stamp, or the last one if it is recent."""
-        header, latest = message.header, Time()
+        """Return the transform at a message's stamp, or the last one if _LONGEST_LAG allows."""
+        header, latest = message.header, Time()  # Time 0 asks tf2 for the last one.
         try:
             return self._buffer.lookup_transform(
                 frame_id, header.frame_id, Time.from_msg(header.stamp)).transform
@@ -117,7 +117,7 @@ def transform_message(message: Message, transform: Transform, frame_id: str) -> 
 
 
 def turn_covariance(values: Any, turn: Any) -> Array:
-    """Return a covariance of two vectors in the axes after a rotation, (6, 6)."""
+    """Return a covariance (6, 6) of two vectors turned by R: R C R^T for each block C (3, 3)."""
     # Block by block, so that an unused block that is not finite does not spoil used ones.
     blocks = np.reshape(values, (2, 3, 2, 3)).transpose(0, 2, 1, 3)
     turned = turn.as_matrix() @ blocks @ turn.as_matrix().T

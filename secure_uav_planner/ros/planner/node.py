@@ -54,8 +54,8 @@ class Planner(WorkingNode):
         self._declared = Settings(self, PLANNER, PlannerSettings.from_values, PLANNER_MEMBERS)
         check_plan_file(self._settings.plan_file)
         self._plan_file = self._settings.plan_file
-        self._file_holder = reserve_plan_file(self._plan_file) if self._plan_file else None
-        if self._plan_file and self._file_holder is None:
+        self._file_reservation = reserve_plan_file(self._plan_file) if self._plan_file else None
+        if self._plan_file and self._file_reservation is None:
             self.get_logger().warning(
                 f'plan_file: another planner keeps its plan in {brief(self._plan_file)}; this one '
                 'neither reads nor writes it; give each planner a file of its own')
@@ -66,7 +66,7 @@ class Planner(WorkingNode):
             lambda *_: self._publish_status())
         self._poses = PoseBook(Frames(self).transform, self._local_frames.to_mission)
         self._poses.on_jump = self._on_jump
-        self._refusals = WarningLog(self.get_logger())  # Logs why poses are refused.
+        self._pose_warnings = WarningLog(self.get_logger())  # Why poses are refused.
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
@@ -75,7 +75,7 @@ class Planner(WorkingNode):
         # Time, by time.monotonic, until which a restored plan's follower may be discovered.
         self._discovery_deadline = 0.0
         self._replanning = Replanning(self._poses, self._tracking)
-        self._replan_problem = ''
+        self._replan_problem = ''  # Why the rest of the mission cannot be planned again.
         self._make_interface()
         self._restore()
         self._publish_status()
@@ -108,10 +108,10 @@ class Planner(WorkingNode):
         return self._declared.current
 
     def close(self) -> bool:
-        """Stop the present solve; return True if its thread has ended."""
+        """Answer the present call, and stop the solve; return True if its thread has ended."""
         super().close()
-        if self._file_holder is not None:
-            self._file_holder.close()
+        if self._file_reservation is not None:
+            self._file_reservation.close()
         self._call.reply(False, 'the planner is stopping')
         return self._solver.close(timeout=1.0)
 
@@ -130,15 +130,15 @@ class Planner(WorkingNode):
     # The state thread
 
     def _on_pose(self, topic: str, message: Message) -> None:
-        """Take a pose of a receiver or UAV, or warn why it is not used."""
+        """Keep a pose of a receiver or UAV, or warn why it is not used."""
         is_first = self._poses.get(topic) is None
         try:
             remark = self._poses.take(topic, message, self._settings, self._now(),
                                       _CLOCK_LAG if is_simulated(self) else 0.0)
         except PoseError as error:
-            self._refusals.warn(topic, f'{topic}: {brief(error)}; it is not used')
+            self._pose_warnings.warn(topic, f'{topic}: {brief(error)}; it is not used')
             return
-        self._refusals.clear(topic)
+        self._pose_warnings.clear(topic)
         if remark:
             self.get_logger().warning(remark)
         if is_first:
@@ -153,11 +153,11 @@ class Planner(WorkingNode):
 
     def _on_jump(self, before: float, now: float) -> None:
         """
-        End the promise of a plan that waits, because the clock jumped.
+        End the promise of the last plan if its flight has not begun, because the clock jumped.
 
         Its receivers are predicted for times of the clock before the jump. A flight that is under
         way becomes early or late, and so its promise ends by itself. A request that waits for an
-        answer is marked, and the followers' reports are forgotten if the clock was set back.
+        answer is marked. The followers' reports are forgotten if the clock was set back.
         """
         self._call.has_jumped = True
         plan = self._state.plan
@@ -175,7 +175,7 @@ class Planner(WorkingNode):
     # Planning on request
 
     async def _on_plan(self) -> tuple[bool, str]:
-        """Wait for the answer, while the executor runs other callbacks."""
+        """Return the answer (success, text) to a call; a second call at a time is refused."""
         if self._call.state != 'answered':
             busy = BusyError('a solve is under way')
             self._refuse(busy)
@@ -185,14 +185,14 @@ class Planner(WorkingNode):
         return await self._call.answer
 
     def _plan_if_discovered(self) -> None:
-        """Start the solve of a call that waits, unless a follower may still be discovered."""
+        """Start the solve of a call that waits, once a follower is heard or discovery is over."""
         if self._call.state == 'waits' and (
                 self._tracking.has_time_scale or time.monotonic() >= self._discovery_deadline):
             self._call.state = 'solved'
             self._plan()
 
     def _plan(self) -> None:
-        """Start the solve of a request."""
+        """Start the solve of the present call's request, or answer the call with a refusal."""
         began, now_ns = time.monotonic(), self._now_ns()
         settings, now, last = self._settings, now_ns * 1e-9, self._state.plan
         try:
@@ -209,6 +209,7 @@ class Planner(WorkingNode):
             self._call.reply(False, self._refuse(error))
             return
         self._log_notes(request.receivers.notes)
+        # The solve begins from the last plan if that has a similar mission.
         initial = last if last and is_similar(request.scenario, last.scenario) else None
         self._solve(request, initial, None if limit is None else began + limit)
 
@@ -218,10 +219,10 @@ class Planner(WorkingNode):
                     partial(self._finish_request, request), 'cancelled')
 
     def _finish_request(self, request: Request, result: Result) -> None:
-        """Publish the plan of a request, and answer its call."""
+        """Publish the plan of a request, or refuse it, and answer its call."""
         try:
             plan, outgoing = result()
-            if request.is_outlasted_by(plan):
+            if request.is_outlasted_by(plan):  # Its receivers are predicted again.
                 self._solve(request.predict_again(plan, self._poses, self._now_ns()))
                 return
             now_ns = self._now_ns()
@@ -319,7 +320,7 @@ class Planner(WorkingNode):
             self._save(plan)
 
     def _finish_replan(self, remainder: Remainder, result: Result) -> None:
-        """Publish the plan of a remainder."""
+        """Publish the plan of a remainder, or note its failure and refuse it."""
         try:
             plan, rejoin, begin, outgoing = result()
             now = self._now()
@@ -328,7 +329,7 @@ class Planner(WorkingNode):
             self._replanning.note_failure(remainder.rule)
             self._refuse(error, is_replan=True)
             return
-        # A replan of the same flight is published as well, for receivers that have moved.
+        # A plan with the last plan's identity is published too: its receivers have moved.
         is_new = self._state.keep_replan(plan)
         self._local_frames.moves.clear()
         self._publish_plan(plan, outgoing, begin)
@@ -339,7 +340,7 @@ class Planner(WorkingNode):
     # Publishing
 
     def _restore(self) -> None:
-        """Publish the plan in the plan file, if there is one."""
+        """Publish the plan in the plan file, if there is one, or warn why it cannot be used."""
         file = self._plan_file
         try:
             if not file or (
@@ -357,9 +358,10 @@ class Planner(WorkingNode):
     def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], begin: float = -math.inf
                       ) -> None:
         """
-        Publish and track the last plan of the state.
+        Publish the last plan of the state by its messages, track it, and publish the status.
 
-        :param begin: time of the plan in s from which its receivers are the present ones.
+        :param outgoing: serialized messages of the plan by topic.
+        :param begin: time of the plan [s] from which its receivers are the present ones.
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
@@ -375,7 +377,7 @@ class Planner(WorkingNode):
         return outcome.text
 
     def _prove_bound(self) -> None:
-        """Start the proof of the last plan's bound, if there is none and it is enabled."""
+        """With `bound` 'after' and an idle solver, prove the last plan's bound if it has none."""
         plan = self._state.plan
         if (self._settings.bound != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):
@@ -419,7 +421,7 @@ class Planner(WorkingNode):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        """Publish the status on /diagnostics, and in flight on ~/status, too."""
+        """Publish the status on /diagnostics and, once a flight is reported, on ~/status."""
         now, status = self._now(), self._status_message()
         if self._tracking.flight(now) is not None:
             self._outputs['~/status'].publish(status)

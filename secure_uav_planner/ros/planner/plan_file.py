@@ -22,25 +22,26 @@ def check_plan_file(file: str) -> None:
 
 def reserve_plan_file(file: str) -> socket.socket | None:
     """
-    Reserve a plan file until the socket is closed or the process ends; None if another has it.
+    Return a socket that reserves a plan file until it is closed; None if the file is reserved.
 
-    A name of an abstract socket leaves no file behind, however a process ends.
+    The name of an abstract socket is free again when its process ends, in any way.
     """
-    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     name = hashlib.sha256(str(Path(file).resolve()).encode()).hexdigest()
     try:
-        holder.bind(f'\0secure_uav_planner {name}')
+        reservation.bind(f'\0secure_uav_planner {name}')
     except OSError:
-        holder.close()
+        reservation.close()
         return None
-    return holder
+    return reservation
 
 
 def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
     """
-    Load a plan with a start for UAVs and ground nodes of these names; None without a file.
+    Return the plan in a file, or None if the file does not exist.
 
-    :raises PlanFileError: for another plan, or as Plan.load does.
+    :raises PlanFileError: if the plan has no start time, or if its UAVs and ground nodes are not
+        `uavs` and `nodes` in this order; also as Plan.load does.
     """
     if not Path(file).exists():
         return None

@@ -45,8 +45,8 @@ class PlanTracking:
     def __init__(self, poses: PoseBook) -> None:
         self._poses, self.relays = poses, RelayReports()
         self._plans: dict[str, Playback] = {}  # The last plans by identity.
-        self._published_ns = 0  # Time of the newest plan's publication.
-        self._track = AchievedRates()
+        self._published_ns = 0  # Time of the newest plan's publication [ns].
+        self._achieved = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
 
@@ -54,13 +54,14 @@ class PlanTracking:
         """Forget the reports of followers: when the clock is set back they are of another time."""
         self._reports: FollowerReports | None = None
         self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
-        self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
+        self._ignored: tuple[str, float] | None = None  # Another follower; its last report [s].
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
-        """Track a plan published now [s], the last _MOST_PLANS - 1 plans and the reported plan."""
+        """Track a plan published at `now` [s] as the newest one; drop all but the last few."""
+        # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
-        # A plan that is published again moves to the end of the dict, as the newest one.
+        # A plan that is published again moves to the end of the dict.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
@@ -71,8 +72,8 @@ class PlanTracking:
         """
         Use a follower's report of its plan's time, which arrived at a time of the clock [s].
 
-        A report on an untracked plan only tells that such a plan is flown. Another follower is
-        ignored until the first is silent, or until the other alone is flying or held.
+        A report on an untracked plan only tells that such a plan is flown. A second follower is
+        ignored until the first is silent, or until the second alone is flying or held.
         """
         clock_ns, plan_ns = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock_ns * 1e-9
@@ -137,7 +138,7 @@ class PlanTracking:
 
     def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
         """
-        Return the delay of a flight behind the schedule of its promise [s]; negative if early.
+        Return the delay [s] of a flight behind the schedule of its promise; negative if early.
 
         :param times_ns: a report: (time of the clock, time of the plan) in ns. None for the last.
         """
@@ -150,7 +151,8 @@ class PlanTracking:
         Return the plan in flight with an ended promise, or None if its promise does not end now.
 
         The promise ends if the flight is early or late by more than PUNCTUAL [s]. The receivers
-        that move are then not where the promise takes them to be.
+        that move are then not where the promise takes them to be. The returned plan is tracked
+        in place of the plan in flight.
         """
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
@@ -181,7 +183,7 @@ class PlanTracking:
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
-        """Return in words why the promise of a flight has ended, or when its gap ends."""
+        """Return in words why the promise of a flight has ended, or the present gap in it."""
         plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []
@@ -266,7 +268,7 @@ class PlanTracking:
     def _state(self, name: str, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> MeasuredState | None:
         """
-        Return the state of a UAV by its freshest usable pose, or None.
+        Return the state of a UAV by its usable pose, or None.
 
         With a flight, the state's time [s] counts from point 0 of the plan, and its velocity is
         the measured one divided by the playback speed; None while the flight is held. Without a
@@ -339,7 +341,7 @@ class PlanTracking:
         """
         Add the measured positions to the achieved rates, and each state to its UAV's watch.
 
-        The rates count a time only if the position of every UAV is known.
+        The rates include only times at which the state of every UAV is known.
         """
         flight = self.flight(now)
         for name in settings.uavs:
@@ -351,7 +353,7 @@ class PlanTracking:
             return
         # Each measured offset from the plan, (U, 2) in m, is taken to be the present one.
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        self._track.add(flight.playback, flight.time, positions, flight.time_scale)
+        self._achieved.add(flight.playback, flight.time, positions, flight.time_scale)
 
     def _distance_problems(self, flight: Flight, distances: Mapping[str, float],
                            settings: PlannerSettings) -> list[str]:
@@ -383,7 +385,7 @@ class PlanTracking:
         if flight.state != 'waiting':
             problems += self._distance_problems(flight, distances, settings)
         newest = next(reversed(self._plans.values()))
-        rates = self._track.rates or (math.nan, math.nan)
+        rates = self._achieved.rates or (math.nan, math.nan)
         late = now - start_of(newest.plan) * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
@@ -392,7 +394,7 @@ class PlanTracking:
             flight.playback.plan.identity, flight.time,
             flight.state if flight.is_reported else f'{flight.state}, silent',
             {name: distances.get(name, math.nan) for name in settings.uavs}, *rates,
-            self._track.measured)
+            self._achieved.measured)
 
     def _follower_problems(self, now: float) -> list[str]:
         """Return what is wrong with the reports on plan_time, in words."""
@@ -429,6 +431,8 @@ def _promise_end(plan: Plan) -> float:
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """
     Check that now.time = before.time + before.time_scale * elapsed, within _SAME_TIME, in s.
+
+    Nothing is checked unless the flight `before` was flying or held, and reported.
 
     :raises LateError: if the flight was paused, released or replaced in the time `elapsed` [s].
     """

@@ -100,9 +100,11 @@ class PoseBook:
         self.on_jump: Callable[[float, float], None] = lambda before, now: None
         self._poses: dict[str, KnownPose] = {}
         self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
+        # Times [s] and positions [m] of the last second by topic, which give a velocity.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._discs: dict[str, _Disc] = {}
-        self._latest, self._was_set_back = -math.inf, False  # Latest time of the clock [s].
+        self._latest = -math.inf  # Latest time of the clock [s].
+        self._was_set_back = False  # Whether the clock has ever jumped back.
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
 
     def take(self, topic: str, message: Message, settings: PlannerSettings, now: float,
@@ -110,10 +112,11 @@ class PoseBook:
         """
         Read a pose from a topic, and keep it unless a newer pose arrived in the last 10 s.
 
-        :param most_lag: largest lag [s] of the node's clock. A stamp that is ahead by less tells
-            the true time of the reception.
-        :return: a remark for the user, or an empty string.
-        :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
+        :param most_lag: largest lag [s] of the node's clock. A stamp that is less than most_lag
+            ahead of `now` is taken as the time of the reception.
+        :return: the warning of _note_motion, or an empty string.
+        :raises PoseError: if the pose cannot be used. The last valid pose is then kept, and the
+            error is noted as the topic's refusal.
         """
         self.follow_clock(now)
         name = topic.partition('/')[0]
@@ -135,7 +138,7 @@ class PoseBook:
 
     def follow_clock(self, now: float, longest: float = math.inf) -> None:
         """
-        Note the time [s], and no longer use the poses from before a jump of the clock.
+        Note the clock's time [s]; after a jump, discard the poses from before it and call on_jump.
 
         A clock that goes back by more than _LEAST_JUMP has jumped: all poses are deleted. A clock
         that goes ahead by more than `longest` has jumped: poses measured before now - longest are
@@ -156,7 +159,7 @@ class PoseBook:
         self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
-        """Keep a pose as the latest of its topic, unless a newer pose came just before."""
+        """Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before."""
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.
@@ -171,9 +174,10 @@ class PoseBook:
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
         """
-        Note a position; return the mean velocity [m/s] since the oldest of the last second.
+        Return the mean velocity (x, y) [m/s] since the oldest kept position, and keep this one.
 
-        None without a position that is _SHORTEST_BASE to _LONGEST_BASE [s] older.
+        Positions are kept for _LONGEST_BASE [s], at least _LEAST_SPACING [s] apart. The velocity
+        is None if the oldest one is less than _SHORTEST_BASE [s] older.
         """
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
@@ -186,16 +190,16 @@ class PoseBook:
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """
-        Return a warning, once, about an eavesdropper that moves and is planned as stationary.
+        Return a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
 
-        The eavesdropper moves if the discs of _OUTSIDE poses in a row do not meet the disc of the
-        first pose.
+        It has moved if the discs of _OUTSIDE poses in a row on its pose topic do not meet the disc
+        of the first pose. It is not checked while its odometry is used.
         """
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
-        is_standing = (name in settings.eavesdroppers and topic == pose_topic
-                       and not settings.eavesdroppers[name].max_speed)
-        if not is_standing or self.usable_pose(name, settings, now) is not pose:
+        is_stationary = (name in settings.eavesdroppers and topic == pose_topic
+                         and not settings.eavesdroppers[name].max_speed)
+        if not is_stationary or self.usable_pose(name, settings, now) is not pose:
             return ''
         radius = pose.radius(name, settings)
         disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
@@ -215,7 +219,7 @@ class PoseBook:
         return self._poses.get(topic)
 
     def ages(self, settings: PlannerSettings, now: float) -> dict[str, float]:
-        """Return the age of the last pose of each topic in s; NaN before the first."""
+        """Return the age [s] of the last pose of each member's topics; NaN before the first."""
         poses = {topic: self._poses.get(topic) for name in (*settings.receivers, *settings.uavs)
                  for topic in member_topics(name)}
         return {topic: math.nan if pose is None else pose.age(now)
@@ -243,7 +247,12 @@ class PoseBook:
 
     def problems(self, settings: PlannerSettings, now: float, with_uavs: bool = True
                  ) -> list[PoseError]:
-        """Return an error for each topic whose pose cannot be used for planning."""
+        """
+        Return the errors of the topics of each member without a usable pose.
+
+        A receiver with a track in the mission file needs no pose. A UAV needs one that is good
+        only with use_pose, and only its first error is returned.
+        """
         problems = []
         for name in settings.receivers:
             if name not in settings.tracks and self.usable_pose(name, settings, now) is None:
@@ -257,7 +266,7 @@ class PoseBook:
         return problems
 
     def _reasons(self, name: str, settings: PlannerSettings, now: float) -> list[PoseError]:
-        """Return the problems of a member's topics with messages, or of its pose topic."""
+        """Return the problems of a member's topics that had messages; if none, of its pose's."""
         topics = member_topics(name)
         heard = [topic for topic in topics if topic in self._poses or topic in self._refusals]
         problems = (self.problem(topic, settings, now) for topic in heard or topics[1:])
@@ -267,7 +276,8 @@ class PoseBook:
         """
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
-        A receiver must have a pose, with a height of 0. A missing pose of a UAV is no problem.
+        A receiver must have a pose, with |z| at most height_tolerance. A topic of a UAV on which
+        no pose has come has no problem.
         """
         is_receiver = topic.partition('/')[0] not in settings.uavs
         frame_id, timeout = settings.frame_id, settings.pose_timeout
@@ -332,10 +342,10 @@ def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiv
 
 def error_radius(covariance: Array, confidence: float) -> float:
     """
-    Return the radius in m that contains a normally distributed error with a given probability.
+    Return the radius [m] that contains a normally distributed error with a given probability.
 
-    The radius follows from the largest axis of the covariance, (2, 2) in m^2: it is exact if the
-    error is the same in all directions, and too large otherwise.
+    It is sqrt(-2 ln(1 - confidence) * largest eigenvalue of the covariance, (2, 2) in m^2). That
+    is exact if the error is the same in all directions, and too large otherwise.
     """
     scale = float(np.abs(covariance).max())
     if scale == 0.0:
@@ -396,7 +406,7 @@ def _horizontal_covariance(values: Any, name: str) -> Array:
     """
     Return the covariance of x and y, (2, 2), from the 36 values of a message.
 
-    Only these four count: others, such as one of -1 for what is not measured, are not used.
+    The other 32 values are not read, so they may be -1 where nothing is measured.
 
     :raises PoseError: unless they are finite, symmetric and positive semidefinite.
     """

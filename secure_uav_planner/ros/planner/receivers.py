@@ -42,7 +42,7 @@ class Receivers(NamedTuple):
 
     def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
         """
-        Return a scenario whose point 0 is some seconds later on the clock.
+        Return a scenario whose point 0 is `seconds` later on the clock.
 
         Predicted tracks get earlier times from point 0, and `scheduled` tracks keep their times.
         """
@@ -57,12 +57,12 @@ class Receivers(NamedTuple):
 def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, clock: PlanClock,
                       end: float) -> Receivers:
     """
-    Return the Receivers, predicted until a horizon or the end of the flight.
+    Return the Receivers, predicted until _horizon from now or until `end`, whichever is earlier.
 
     A receiver starts at its usable pose. Without one, it moves on its track in the mission file.
 
     :param now: time of the clock [s].
-    :param clock: clock of the plan, whose time_scale is not 0.
+    :param clock: clock of the plan that converts to its time; its time_scale is not 0.
     :param end: end of the flight [s] from point 0.
     :raises ScenarioError: for a track whose values are out of range.
     """
@@ -73,7 +73,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
     for name in settings.receivers:
         is_node, track = name in settings.ground_nodes, settings.tracks.get(name)
         pose = poses.usable_pose(name, settings, now)
-        position = radius = LEFT_OUT
+        position = radius = LEFT_OUT  # The values for a receiver with a track.
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'
             scheduled.add(name)
@@ -107,7 +107,7 @@ def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, cl
 
 
 def _horizon(settings: PlannerSettings) -> float:
-    """Return the duration for which receivers are predicted [s]."""
+    """Return the time [s] for which receivers are predicted; infinite if nothing limits it."""
     if settings.prediction_horizon:
         return settings.prediction_horizon
     if settings.has_replans:
@@ -124,10 +124,11 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     The track has two knots: (time [s] from point 0, x, y, radius [m]). It is None for a receiver
     that stands: one without max_speed and without a velocity that has a covariance.
 
-    With a max_speed the receiver may go anywhere from its measured place, at max_speed or at its
-    measured speed if that is larger. Otherwise it goes straight on. A message does not say how
-    position and velocity correlate, so the standard deviation after t s is bounded by the standard
-    deviation of the position plus t times the standard deviation of the velocity.
+    With a max_speed the receiver may go anywhere from its measured place at max_speed. If its
+    measured speed is larger, it may do so at this speed plus the error of the velocity. Without a
+    max_speed it goes straight on, and its radius grows by the error of the velocity. A message
+    does not say how position and velocity correlate. The standard deviation after t s is therefore
+    bounded by the position's plus t times the velocity's.
     """
     velocity, growth = (0.0, 0.0), 0.0
     if pose.velocity is not None and pose.velocity_covariance is not None:
@@ -152,7 +153,7 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     A receiver has moved if it is farther than `distance` [m] from there. An eavesdropper has also
     moved if it has a track and its centre is outside of its expected disc, or if its radius
     differs by more than 0.1 * distance. With a track only a larger radius counts, because a new
-    prediction starts with a small one.
+    prediction starts with a small one. A `distance` of 0 allows any distance and any radius.
 
     :param before: the scenario of the plan.
     :param now: the same scenario with the present receivers.
@@ -160,7 +161,7 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     # (G, 1, 2), (E, 1, 2) and (E, 1) in m, for one time.
     old_grounds, old_centres, old_radii = before.receivers_at([time])
     grounds, centres, radii = now.receivers_at([time])
-    distance = distance or math.inf  # A distance of 0 allows any move.
+    distance = distance or math.inf
     if (np.linalg.norm(old_grounds - grounds, axis=-1) > distance).any():
         return True
     # For each eavesdropper:

@@ -132,7 +132,7 @@ class Remainder(NamedTuple):
                                self.settings.track_tolerance, self.updated)
 
     def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
-        """Raise an error if the new plan comes too late, or if another plan is flown now."""
+        """Raise an error unless the plan is still flown, steadily, before the rejoin's effect."""
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
@@ -146,7 +146,7 @@ class Replanning:
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
-        self._last_planned = -math.inf
+        self._last_planned = -math.inf  # When a plan was last published or a replan began [s].
         self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
         self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
         self._updated_from = -math.inf  # Plan time [s] from which receivers are updated.
@@ -155,7 +155,8 @@ class Replanning:
         """
         Return the first Rule that is due in the flight, or None.
 
-        None is due while the flight is held or changes its speed, or before `last` is flown.
+        None is due while the flight is held or changes its speed, before `last` is flown, near the
+        end of the flight, or without a usable pose of a receiver that needs one.
 
         :param last: the newest plan, which may start later than the plan in flight.
         :raises PlanningError: if the receivers cannot be predicted.
@@ -178,7 +179,7 @@ class Replanning:
         return period > 0 and not 0 <= now - self._last_planned < period
 
     def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the promise ends before a replan that begins now can take effect."""
+        """Return True if the promise ends before a replan can take effect, unless _must_wait."""
         ahead = (settings.replan_lead + DELIVERY_S) * flight.time_scale + (
             _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
         return not self._must_wait(flight, settings, now) and (
@@ -186,14 +187,15 @@ class Replanning:
 
     def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if has_moved is true of the receivers and the rule need not wait.
+        Return True if has_moved is true of the receivers and _must_wait is not.
 
-        With replan_distance 0, only a moving eavesdropper that has left its disc counts.
+        With replan_distance 0, only an eavesdropper with a track that has left its disc counts.
+        With replan_period 0 as well, the answer is False.
         """
         distance = settings.replan_distance
         if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
             return False
-        updated, _ = self._update(flight, settings, now)
+        updated, _ = self._update_receivers(flight, settings, now)
         return has_moved(flight.playback.plan.scenario, updated,
                          max(flight.time, self._updated_from), distance)
 
@@ -204,11 +206,11 @@ class Replanning:
 
     def is_uav_off(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a UAV is farther than replan_deviation from its plan.
+        Return True if a UAV in flight is farther than replan_deviation from its plan.
 
         For a UAV that its relay stops, the distance after replan_lead counts. For replan_lead
         after a replan the answer is False, so that UAVs can come back to their plan, unless a
-        relay has stopped or released a UAV since.
+        relay has stopped or released a UAV since. With replan_deviation 0 it is always False.
         """
         most, lead = settings.replan_deviation, settings.replan_lead
         if not most or flight.state != 'flying' or self._is_recent(settings, now) and (
@@ -218,28 +220,28 @@ class Replanning:
                    self._tracking.predict_distances(settings, now, lead).items())
 
     def _is_recent(self, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the last plan or the last failure is less than a lead old."""
+        """Return True within replan_lead after a plan was published or a replan began."""
         return 0 <= now - self._last_planned < settings.replan_lead
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
         Return True if rules that compare predicted receivers must not be due yet.
 
-        They wait for replan_lead after the last plan or failed replan, if that replan failed or
-        if a receiver moves on a track.
+        They wait for replan_lead after a plan was published or a replan began, if the last replan
+        failed or if a receiver of the plan in flight has a track.
         """
         return self._is_recent(settings, now) and (
             self._has_failed or flight.playback.plan.scenario.has_tracks)
 
     def take_remainder(self, rule: Rule, settings: PlannerSettings, now: float) -> Remainder:
         """
-        Return the remainder of the mission, due by a rule, and note its time for the rules.
+        Return the remainder of the mission, due by a rule; note its time and the stopped UAVs.
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
         assert flight is not None
-        updated, receivers = self._update(flight, settings, now)
+        updated, receivers = self._update_receivers(flight, settings, now)
         self._last_planned = now
         self._stopped = self._find_stopped(settings)
         return Remainder(rule, flight, now, self._first_point(flight, settings),
@@ -247,7 +249,7 @@ class Replanning:
                          settings)
 
     def is_settled(self, settings: PlannerSettings, now: float) -> bool:
-        """Return True if all UAVs are on their plan, and the last plan is older than the lead."""
+        """Return True if all UAVs are on their plan, and no plan or replan is recent."""
         return not self._is_recent(settings, now) and all(
             distance <= settings.track_tolerance
             for distance in self._tracking.distances(settings, now).values())
@@ -270,8 +272,8 @@ class Replanning:
         return find_first_point(flight.playback.plan.scenario,
                                 flight.time + settings.replan_lead * flight.time_scale)
 
-    def _update(self, flight: Flight, settings: PlannerSettings, now: float
-                ) -> tuple[Scenario, Receivers]:
+    def _update_receivers(self, flight: Flight, settings: PlannerSettings, now: float
+                          ) -> tuple[Scenario, Receivers]:
         """Return the flight's scenario with newly predicted receivers, and these Receivers."""
         receivers = predict_receivers(
             settings, self._poses, now, PlanClock(flight.time, now, flight.time_scale),

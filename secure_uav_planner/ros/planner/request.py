@@ -74,7 +74,7 @@ class StartTime:
     @classmethod
     def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
-        """Return the StartTime of a request at now_ns; in flight, at least replan_lead ahead."""
+        """Return the StartTime of a request at now_ns; while flying, replan_lead ahead or more."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay
@@ -94,7 +94,10 @@ class StartTime:
 
     def time_limit(self, limit: float | None, until: float = math.inf) -> float | None:
         """
-        Return the time limit of the solve [s], shortened to the time until the plan's effect.
+        Return the time limit of the solve [s]: the lesser of `limit` and the time left.
+
+        The time left is t - min(_RESERVE_S, t / 2), where t is the time to the plan's effect or
+        `until`. Without a delay and an `until` it is infinite. None is no limit.
 
         :param limit: value of the parameter time_limit [s], or None.
         :param until: time [s] after the request by which the plan must come in any case.
@@ -126,7 +129,7 @@ class StartTime:
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
-        """Raise a LateError if a follower would get the plan after the time of its effect."""
+        """Raise a LateError if a plan with a delay would reach a follower after its effect."""
         if self.delay and now_ns + DELIVERY_S * 1e9 > self.effect_ns:
             raise LateError('the new plan came too late for the moment it was to take effect; a '
                             'longer start_delay gives it more time, and in flight a longer '
@@ -159,6 +162,8 @@ class Request:
         """
         Return the plan of the mission and its messages; called in the solver's thread.
 
+        If the mission is `solved`, nothing is solved again, and that plan is dated.
+
         :param initial: a Plan from which the solve begins, or None.
         :param until: time of time.monotonic() at which the solve must end, or None.
         :param now_ns: returns the time of the node's clock in ns.
@@ -189,9 +194,9 @@ class Request:
         """
         Return the solved plan with its start time, and with its promise until predictions end.
 
-        Without a start_delay, point 0 was not known at the prediction. The tracks of predicted
-        receivers are then moved to the true point 0, and slots whose rate is not positive with
-        these tracks are muted.
+        With predicted receivers and without a start_delay, point 0 was not known at the
+        prediction. It is then set _RELEASE_S after the solve, and the tracks of predicted
+        receivers are moved to it. Slots whose rate is not positive with these tracks are muted.
         """
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
         if until is None or self.start.delay:
@@ -205,7 +210,7 @@ class Request:
                        promised_until=until - later)
 
     def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
-        """Return this request with `plan` as its solution and receivers predicted from now."""
+        """Return this request, solved by `plan`, with receivers predicted from now_ns on."""
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
             self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
@@ -239,7 +244,7 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
 
 
 def explain_infeasible(settings: PlannerSettings) -> str:
-    """Return the reason why the mission of the parameters cannot be flown, or an empty string."""
+    """Return why the mission of the parameters, with receivers at (0, 0), is wrong, or ''."""
     receivers = {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)}
     try:
         _scenario(settings, [uav.mission for uav in settings.uavs.values()], receivers)
@@ -305,7 +310,11 @@ def _check_distance(name: str, offset: Array, settings: PlannerSettings) -> None
 
 
 def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
-    """Return position and velocity on the plan in flight, or raise an error beyond a limit."""
+    """
+    Return a UAV's position [m] and velocity [m/s] on the plan in flight; held, it is at rest.
+
+    :raises ScenarioError: if its altitude has changed, or if it flies faster than its max_speed.
+    """
     flown = flight.playback.plan.scenario.uavs[index]
     if uav.altitude != flown.altitude:
         raise ScenarioError(

@@ -46,11 +46,15 @@ class Job:
     def solve(self, scenario: Scenario, settings: PlannerSettings, time_limit: float | None,
               initial: Plan | None, bits: float = 0.0) -> Plan:
         """
-        Solve a mission by the method and for the objective of the parameters.
+        Return the plan of a mission by the method and for the objective of the parameters.
 
-        :param bits: amount [bit/Hz] that the shortest flight is to deliver; 0 keeps the duration.
+        :param initial: a Plan from which the method begins, or None; not used with `bits`.
+        :param bits: amount [bit/Hz] that the shortest flight is to deliver, found without the
+            parameter `method`; 0 keeps the duration of the scenario.
+        :raises StoppedError: if the job was stopped.
         """
         def on_iteration(iteration: Iteration) -> bool:
+            """Keep the progress; return True to stop the solve."""
             self.progress, now = iteration, time.monotonic()
             if iteration.number == 0 or now - self._posted > _PROGRESS_PERIOD:
                 self._posted = now
@@ -95,7 +99,7 @@ class SolverThread:
                  on_progress: Callable[[], None]) -> None:
         self._post, self._on_progress = post, partial(post, on_progress)
         self._pool = ThreadPoolExecutor(1, 'solver')
-        self._last: 'Future[Any]' = Future()
+        self._last: 'Future[Any]' = Future()  # The newest one in the solver's thread.
         self._last.set_result(None)
         self.job: Job | None = None
 
@@ -119,7 +123,7 @@ class SolverThread:
     def start(self, work: Work, then: Callable[[Result], None], cancelled: str = 'cancelled',
               is_solve: bool = True) -> None:
         """
-        Start a job, after the present job has stopped.
+        Stop the present job and drop its result; then start a new job in the solver's thread.
 
         :param work: called with the Job in the solver's thread.
         :param then: called with the Result in the state thread, unless a later job was started.
@@ -130,6 +134,7 @@ class SolverThread:
         job = self.job = Job(self._on_progress, cancelled, is_solve)
 
         def finish(future: 'Future[Any]') -> None:
+            """Call `then` in the state thread, unless a later job has been started."""
             def result() -> Any:
                 job.raise_if_cancelled()  # A cancel may come after the work and before this.
                 return future.result()

@@ -45,7 +45,7 @@ class State:
 
     @property
     def outcome(self) -> RequestOutcome:
-        """Outcome of the last request or replan."""
+        """Outcome of the last request or replan: its refusal, or the summary of the last plan."""
         plan = self.plan
         if self.refusal is not None:
             return self.refusal
@@ -68,7 +68,7 @@ class State:
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
-        """Make a replan the last plan; return False if the last plan was the same already."""
+        """Make a replan the last plan; return False if the last plan has the same identity."""
         is_new = self.plan is None or plan.identity != self.plan.identity
         self._keep(plan, is_replan=True)
         if is_new:
@@ -86,7 +86,7 @@ class State:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """Note and return the refusal of a new plan; the text says if the last plan stays."""
+        """Note and return a refusal: OK for a stopped replan, ERROR for a failure, else WARN."""
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'
@@ -101,16 +101,16 @@ class State:
 
 
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
-    """Return a summary of a plan in one line, without any position."""
-    near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
+    """Return one line on a plan: method, promised rates, time, distances and bound."""
+    near, rate_name = closest_approach_text(plan), plan.scenario.channel.rate_name
     promise, names = plan.promise, plan.scenario.ground_node_names
     nodes = '' if len(names) == 1 else '; ' + ', '.join(
         f'{name} {rate_text(rate)}' for name, rate in zip(names, promise.node_rates, strict=True))
     of_all = (f'; {promise.text}; all slots: {plan.guaranteed_rate:.4f}, '
               f'{plan.worst_case_rate:.4f} bit/s/Hz' if promise.is_partial else '')
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {rate_text(promise.guaranteed_rate)}, '
-            f'{name("worst_case")} {rate_text(promise.worst_case_rate)} bit/s/Hz{of_all}, '
+            f'{rate_name("guaranteed")} {rate_text(promise.guaranteed_rate)}, '
+            f'{rate_name("worst_case")} {rate_text(promise.worst_case_rate)} bit/s/Hz{of_all}, '
             f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
             f'{rate_text(promise.curve_rate)}{nodes}' + (f'; {near}' if near else '')
@@ -123,9 +123,10 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     Return the level of the planner's status and a text that explains it.
 
     ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or a
-    promise has ended, or the last request was refused, or its plan has not converged or lets UAVs
-    come close without a separation. OK: none of these. During a solve, its progress replaces the
-    last outcome. STALE is not used, because tools take it for a node that has stopped reporting.
+    promise has ended, or the last request was refused, or its plan has not converged, has no
+    promised slot, or lets UAVs come close without a separation. OK: none of these. During a solve,
+    its progress replaces the last outcome, also in the level. STALE is not used, because tools
+    take it for a node that is silent.
     """
     level, text = outcome.level, outcome.text
     if progress is not None:
@@ -216,7 +217,7 @@ def _approach_status(approach: Approach | None, beyond_margin: float) -> Approac
 
 
 def closest_approach_text(plan: Plan) -> str:
-    """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
+    """Return in words how close UAVs come to each other, with a warning if so, and to zones."""
     clearance = plan.clearance
     zones, margin = clearance.to_zones, plan.scenario.boundaries.margin_text
     texts = [clearance.between_uavs_text]

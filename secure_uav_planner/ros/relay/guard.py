@@ -75,11 +75,11 @@ class Guard:
 
     def __init__(self) -> None:
         self._last: Setpoint | None = None  # The last setpoint that has passed.
-        self._last_passed = 0  # Arrival of the last setpoint that has passed.
-        self._last_arrived = 0  # Arrival of the last setpoint with a fresh stamp, passed or not.
-        self._refusal = '', 0  # Reason and arrival of the last refused setpoint.
-        self._vehicle: tuple[Vector, int] | None = None  # Measured position, and its arrival.
-        self._has_moved = False  # Whether the frame has moved since a setpoint has passed.
+        self._last_passed = 0  # Arrival [ns] of the last setpoint that has passed.
+        self._last_arrived = 0  # Arrival [ns] of the last setpoint with a fresh stamp.
+        self._refusal = '', 0  # Reason and arrival [ns] of the last refused setpoint.
+        self._vehicle: tuple[Vector, int] | None = None  # Measured position; its arrival [ns].
+        self._has_moved = False  # Whether the frame has moved since the last setpoint passed.
 
     def note_position(self, place: Vector, now: int) -> None:
         """Note the measured position of the vehicle, in the frame of the setpoints."""
@@ -106,7 +106,7 @@ class Guard:
         self._refusal = reason, now
 
     def state(self, now: int, limits: Limits) -> StreamState:
-        """Return the state of the stream."""
+        """Return NONE, ENDED, NEW, FOLLOWING or HELD: what the stream is at a time `now` [ns]."""
         if self._last is None:
             return StreamState.NONE
         if not _within(self._last_arrived, now, limits.timeout):
@@ -116,7 +116,7 @@ class Guard:
         return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
 
     def stream(self, now: int, limits: Limits) -> Stream:
-        """Return the Stream; its reason is a refusal since the last pass, within the timeout."""
+        """Return the Stream, with the last refusal until it is old or a setpoint passes."""
         reason, refusal_ns = self._refusal
         is_refused = reason and _within(refusal_ns, now, limits.timeout)
         if self._last is None:
@@ -127,7 +127,12 @@ class Guard:
                       'no setpoint comes')
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
-        """Keep a setpoint as the last one, or raise an OptionError with the reason why not."""
+        """
+        Keep a setpoint as the last one that has passed, or raise an OptionError with the reason.
+
+        It must be fresh, keep the limits of motion, and continue the last one. With a
+        start_tolerance it may be near the vehicle instead, and must be where a stream begins.
+        """
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
@@ -197,7 +202,7 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
 
 
 def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits) -> str:
-    """Return the reason why a setpoint does not continue the last one, or an empty string."""
+    """Return why a setpoint is older than the last one or too far from it, or an empty string."""
     assert last is not None
     step = (setpoint.time_ns - last.time_ns) * 1e-9
     if step < 0:

@@ -90,6 +90,7 @@ class Relay(WorkingNode):
         self._streams = {name: (Stream('silent'), time.monotonic()) for name in uavs}
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
+        # Publishers to the autopilot, and last messages of its state, by UAV and kind of message.
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._states: dict[str, dict[str, Any]] = {name: {} for name in uavs}
         topics = dict(TOPICS['relay', 'pub'])
@@ -142,7 +143,7 @@ class Relay(WorkingNode):
                       settings.start_tolerance, settings.setpoint_timeout)
 
     def _on_enable(self, is_enabled: bool) -> Answer:
-        """Begin or end to pass setpoints on; the next one begins a new stream."""
+        """Enable or disable the relay; the next setpoint of each UAV begins a new stream."""
         self._is_enabled = is_enabled
         for guard in self._guard_by_uav.values():
             guard.forget_stream()
@@ -154,7 +155,7 @@ class Relay(WorkingNode):
             self._guard_by_uav[name].change_frame(convert)
 
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
-        """Relay a setpoint that the guard takes to its autopilot; warn of any other."""
+        """Send a setpoint to its autopilot if the guard lets it pass; otherwise only warn."""
         if not self._is_enabled:
             return
         name, now = topic.partition('/')[0], self._now
@@ -172,7 +173,7 @@ class Relay(WorkingNode):
             self._guard_by_uav[name].take(setpoint, now, self._limits(name))
             self._frames.moves.pop(name, None)
         except PlanningError as error:
-            if isinstance(error, PoseError):
+            if isinstance(error, PoseError):  # The guard has not seen the setpoint.
                 self._guard_by_uav[name].note_arrival(now)
             self._guard_by_uav[name].note_refusal(brief(error), now)
             self._loggers[name].warning(
@@ -182,7 +183,7 @@ class Relay(WorkingNode):
             self._publish(name, fields)
 
     def _on_timer(self) -> None:
-        """Hold the last place of a UAV without setpoints, and end a stream that is over."""
+        """Send the last place of each UAV without setpoints, until the timeout ends its stream."""
         now = self._now
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
@@ -230,7 +231,7 @@ class Relay(WorkingNode):
 
     def _on_state(self, name: str, kind: str, message: Any) -> None:
         """
-        Keep a message of a vehicle's state; use the state and publish it as odometry.
+        Keep a message of a vehicle's state; tell the guard the position, and publish odometry.
 
         A state consists of messages of several kinds. It is used whenever the first kind comes,
         with the last message of each other kind.
@@ -257,7 +258,7 @@ class Relay(WorkingNode):
             self._publish_odometry(name, odometry, place)
 
     def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
-        """Publish the odometry of a vehicle in the frame of the mission."""
+        """Publish the odometry of a vehicle, at its `place` in the mission's frame, (3,) in m."""
         header, position = odometry.header, odometry.pose.pose.position
         position.x, position.y, position.z = place
         header.frame_id = self._settings.frame_id

@@ -61,7 +61,7 @@ class ReplaySettings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> 'ReplaySettings':
-        """Return the settings for the values of all parameters by name."""
+        """Return the settings for values by name; a true_eavesdropper of one number is refused."""
         place = values['true_eavesdropper']
         if len(place) == 1:
             raise ParameterError(
@@ -81,10 +81,10 @@ class Release:
     unmet: list[str] = field(default_factory=list)
 
     def update(self, unmet: list[str]) -> str:
-        """Take the present conditions; return them in words if they are of other kinds."""
+        """Keep the present conditions; return a text if other conditions than before are unmet."""
         before, self.unmet = self.unmet, unmet
-        # Conditions are compared without their distances.
-        kinds = [[condition.partition(',')[0] for condition in some] for some in (before, unmet)]
+        # A condition is compared without its distance, which follows a comma.
+        kinds = [[condition.partition(',')[0] for condition in each] for each in (before, unmet)]
         return f'waiting for {", ".join(unmet)}' if unmet and kinds[0] != kinds[1] else ''
 
 
@@ -102,8 +102,8 @@ class Replay(WorkingNode):
         self._ticked = time.monotonic()
         self._release = Release(0)  # Release of the last start.
         self._vehicles = Vehicles()
-        self._ticked_ns = 0
-        self._lost = set[str]()  # UAVs that are off their plan, so that no power is sent.
+        self._ticked_ns = 0  # Time of the last tick by the node's clock [ns].
+        self._lost = set[str]()  # UAVs for which no power is sent; see _update_silence.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
@@ -111,7 +111,8 @@ class Replay(WorkingNode):
         plan = _load_plan(self._settings.plan_file)
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
-        self._refusal, self._warnings = '', WarningLog(self.get_logger())  # Why there is no plan.
+        self._refusal = ''  # Why no plan of the topic is used.
+        self._warnings = WarningLog(self.get_logger())
         self._reader = PlanReader(self.post, self._take, self._refuse)
         self._stops = 0  # Calls of ~/pause and ~/reset.
         self._make_interface()
@@ -139,7 +140,7 @@ class Replay(WorkingNode):
         serve(self, {'~/start': self._on_start}, ReentrantCallbackGroup())
         serve(self, {'~/pause': self._on_pause, '~/reset': self._on_reset}, self._group)
         frequency = self._settings.rate
-        # Number of ticks for each setpoint.
+        # Ticks since the stream began, and ticks for each setpoint.
         self._streamed, self._ticks_each = 0, math.ceil(_TIME_FREQUENCY / frequency)
         self.create_timer(1.0 / (frequency * self._ticks_each), self._on_tick,
                           callback_group=self._group, clock=timer_clock(self))
@@ -157,7 +158,7 @@ class Replay(WorkingNode):
     # Plans
 
     def _take(self, plan: Plan, frame_id: str) -> None:
-        """Use the plan of the topic."""
+        """Adopt a plan, or refuse it for other UAVs or for another frame than the stream's."""
         names = [uav.name for uav in plan.scenario.uavs]
         if names != self._uavs:
             self._refuse(f'it is for {quote(names)}, and uavs is {quote(self._uavs)}')
@@ -184,7 +185,7 @@ class Replay(WorkingNode):
             self._warnings.warn('plan', self._refusal)
 
     def _adopt(self, plan: Plan, frame_id: str) -> None:
-        """Give a plan to the player, and release it if `autostart` is set and it is in time."""
+        """Give a plan to the player; with `autostart`, release it if it is new and in time."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
@@ -220,7 +221,7 @@ class Replay(WorkingNode):
     # Services
 
     def _start(self) -> str:
-        """Release the plan; return its next state in words."""
+        """Release the plan; return what it waits for, or raise an OptionError of the player."""
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start([None if isinstance(place, str) else place for place in self._places(now)],
                      self._settings.start_tolerance)
@@ -240,6 +241,7 @@ class Replay(WorkingNode):
         return f'plan {plan.identity}: {"; ".join(follows) or "playing"}'
 
     async def _on_start(self) -> tuple[bool, str]:
+        """Release the plan once it is read; return the answer (success, text)."""
         stops = self._stops
         await self._reader.wait()
         if self._stops > stops:
@@ -248,7 +250,7 @@ class Replay(WorkingNode):
             text = self._start()
         except OptionError as error:
             return False, f'{error}{self._refusal and ": "}{self._refusal}'
-        self._on_tick()  # It reports on plan_time before the answer.
+        self._on_tick()  # So that plan_time is published before the answer.
         return True, text
 
     def _on_pause(self) -> tuple[bool, str]:
@@ -288,18 +290,17 @@ class Replay(WorkingNode):
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
             self._streamed += 1
-            self._tell_promise()
+            self._log_promise()
         if was_playing and player.ended:
             self._announce_end()
 
     def _update_silence(self, now_ns: int) -> bool:
         """
-        Return True if a UAV is off its plan during the flight, so that no power may be sent.
+        Return True if find_lost finds a UAV during the flight, so that no power may be sent.
 
-        It logs each change of the UAVs that are off their plan.
+        Each change of these UAVs is logged.
         """
-        # For each UAV that is off its plan, a sentence that says so.
-        lost: dict[str, str] = {}
+        lost: dict[str, str] = {}  # The reason in words by UAV.
         if self._player.streaming and self._flight.is_under_way:
             lost = self._vehicles.find_lost(
                 self._flight, self._ticked_ns, self._frame_id, self._settings.track_tolerance,
@@ -322,14 +323,14 @@ class Replay(WorkingNode):
 
     def _unmet_conditions(self, now_ns: int) -> list[str]:
         """Return in words what the first setpoint waits for: odometry, starts, subscribers."""
-        settings, is_simulated = self._settings, not self._settings.vehicle_odometry
-        places = [None if is_simulated else place for place in self._places(now_ns)]
+        settings, has_odometry = self._settings, self._settings.vehicle_odometry
+        places = [place if has_odometry else None for place in self._places(now_ns)]
         unmet = [place for place in places if isinstance(place, str)]
         unmet += self._player.unmet_conditions(
             [None if isinstance(place, str) else place for place in places],
             settings.start_tolerance, settings.speed)
         # Simulated UAVs wait for a subscriber only in the first _LONGEST_WAIT s of a release.
-        if is_simulated and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
+        if not has_odometry and not 0 <= now_ns - self._release.time_ns < _LONGEST_WAIT * 1e9:
             return unmet
         return unmet + [f'a subscriber of the setpoints of {name}'
                         for name in self._uavs
@@ -349,11 +350,11 @@ class Replay(WorkingNode):
                 data=flight.playback.secrecy_rate(flight.time, self._eavesdropper)
                 if moment.powers.any() else 0.0))
 
-    def _tell_promise(self) -> None:
+    def _log_promise(self) -> None:
         """Log when the flight enters slots that are not promised, and when it leaves them."""
-        flight = self._flight
-        slot, identity = (flight.playback.find_unpromised_slot(flight.time),
-                          flight.playback.plan.identity)
+        flight, identity = self._flight, self._flight.playback.plan.identity
+        # Number of the present slot if it is not promised; 0 in any other slot or outside slots.
+        slot = flight.playback.find_unpromised_slot(flight.time)
         if slot and self._is_promised:
             self.get_logger().warning(f'slot {slot} of plan {identity} is not promised; ' + (
                 'no power is sent' if self._settings.mute_unpromised else

@@ -31,12 +31,12 @@ class PlanReader:
                  take: Callable[[Plan, str], None], refuse: Callable[[str], None]) -> None:
         self._post, self._take, self._refuse = post, take, refuse
         self._pool, self._process = ThreadPoolExecutor(1, 'reader'), ReaderProcess()
-        self._waiting = ''
+        self._waiting = ''  # The newest text that waits; empty if none does.
         self._idle = Future()  # Done while no text is being read.
         self._idle.set_result(None)
 
     def read(self, text: str) -> None:
-        """Read a text: before this returns, or later if it is long or another is being read."""
+        """Read a text, a short one at once; during a long one, it replaces a text that waits."""
         if not self._idle.done():
             self._waiting = text
         elif len(text) <= MOST_CHARACTERS:

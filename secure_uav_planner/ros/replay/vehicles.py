@@ -30,7 +30,7 @@ class Vehicles:
         self._odometry[topic.partition('/')[0]] = now_ns, message
 
     def position(self, name: str, frame_id: str, now_ns: int) -> Point3 | str:
-        """Return the position of a UAV by odometry, (x, y, z) in m, or what is missing."""
+        """Return a UAV's position by odometry, (x, y, z) in m, or in words what is missing."""
         received, message = self._odometry.get(name, (0, None))
         if message is None or not 0 <= now_ns - received <= _FRESH_S * 1e9:
             return f'odometry of {name}'
@@ -49,9 +49,9 @@ class Vehicles:
     def find_lost(self, flight: Flight, flight_ns: int, frame_id: str, tolerance: float,
                   now_ns: int) -> dict[str, str]:
         """
-        Return the UAVs that are not on their plan, each with the reason in words.
+        Return the names of the UAVs that are not on their plan, each with the reason in words.
 
-        A UAV is off its plan beyond the tolerance, or beyond the tracking_margin if it is larger.
+        A UAV is off its plan if it is farther from it than `tolerance` and the tracking_margin.
         A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
         pass the UAV's setpoints on.
 
