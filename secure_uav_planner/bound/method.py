@@ -185,12 +185,8 @@ def compute_plain_bound(scenario: Scenario) -> float:
 
 
 def list_ignored_limits(detours: DetourSearch) -> tuple[str, ...]:
-    """
-    Return the names of a scenario's limits that the bound does not use.
-
-    Separation and max_energy are named if the scenario has them. So are no_fly_zones and geofence
-    if the obstacles at a UAV's altitude have more than MOST_CORNERS corners.
-    """
+    """Return the names of a scenario's limits that the bound does not use."""
+    # Obstacles with more than MOST_CORNERS corners at a UAV's altitude are not used.
     names = ('separation',) if detours.is_complete else (
         'separation', 'no_fly_zones', 'geofence')
     energy = ('max_energy',) if detours.scenario.limits_energy else ()
@@ -220,12 +216,7 @@ class _BestBound:
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """
-        Run the with statement, which searches with `search`, then prove and offer a bound.
-
-        If the search ends by TimeLimitError, the time reserved for this proof remains, and the
-        status becomes 'time_limit'.
-        """
+        """Run the with statement, a search; prove a bound even if TimeLimitError ended it."""
         try:
             yield
         except TimeLimitError:

@@ -140,13 +140,9 @@ class _Search:
                        status=self.best.status if status == 'converged' else status)
 
     def _narrow(self) -> Status:
-        """
-        Narrow the bracket of durations to the accuracy, then try to prove that 1 s less fails.
-
-        The next duration is where the bits, interpolated between both ends, suffice; it is the
-        middle if the lower end cannot be flown.
-        """
+        """Narrow the bracket of durations; then try to prove that 1 s less than the best fails."""
         best, low, delivered = self._bracket()
+        # The bits are interpolated between both ends, unless the lower one cannot be flown.
         while (high := best.scenario.duration) - low > self._accuracy * (1 + 1e-6):
             share = 0.5 if delivered is None else (
                 (self._bits - delivered) / (_count_bits(best) - delivered))
@@ -188,9 +184,9 @@ class _Search:
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """
-        Return solve's plan of a duration [s], or None if it cannot be flown.
+        Return a plan of a duration [s], or None if it cannot be flown.
 
-        The plan is kept in `last`, and in `best` too if it delivers the bits.
+        The plan is kept in `last`, and in `best` if it delivers the bits.
         """
         self._tried = duration
         self._report(Iteration(0, 'start', 0.0, 0.0, 0.0))
@@ -207,11 +203,7 @@ class _Search:
         return plan
 
     def _change_duration(self, duration: float) -> Scenario:
-        """
-        Return the scenario with another duration [s], in slots of about the same length.
-
-        If slots must keep their exact length, the duration is rounded to whole slots.
-        """
+        """Return the scenario with another duration [s], in slots of about the same length."""
         step = self._scenario.slot_duration
         slots = max(1, round(duration / step))
         return replace(self._scenario, slots=slots,
