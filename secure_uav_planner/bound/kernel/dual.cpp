@@ -36,7 +36,7 @@ public:
           leaks_(args, "leaks", groups_ * columns_ * eavesdroppers_),
           potentials_(args, "potentials", (groups_ + 1) * width_),
           count_(args, "count", groups_), step_(args, "step", groups_),
-          mean_(args, "mean", 2 * groups_), weights_(args, "weights", groups_),
+          mean_(args, "mean", 2 * groups_), w0_(args, "weights", groups_),
           v_(args, "v", groups_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
         kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
@@ -140,7 +140,7 @@ private:
     // where `lengths` is sum_lengths(g, c).
     double find_value(std::size_t g, std::size_t c, double lengths) const {
         const std::size_t column = g * columns_ + c;
-        double value = find_change(g, c) + lengths + weights_[g] * ground_[column];
+        double value = find_change(g, c) + lengths + w0_[g] * ground_[column];
         for (std::size_t i = 0; i < eavesdroppers_; ++i)
             value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
         return value;
@@ -251,7 +251,7 @@ private:
     std::size_t base_;               // Count of u and S, which precede w.
     double tau_, price_;
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
-        weights_, v_;
+        w0_, v_;
     std::size_t features_;
     std::vector<double> values_, row_;
 };

@@ -37,9 +37,9 @@ public:
         expect(side_ && lengths_.size() == 2 * side_ * side_, "lengths");
     }
 
-    // True if a grid cell that the rectangle low..high touches has a path of at most `near` from
-    // the start and one of at most `far` to the goal. False only if a UAV cannot be there.
-    bool reaches(const double* low, const double* high, double near, double far) const {
+    // True if a grid cell that the rectangle low..high touches has a path of at most `r1` from
+    // the start and one of at most `r2` to the goal. False only if a UAV cannot be there.
+    bool reaches(const double* low, const double* high, double r1, double r2) const {
         double first[2], last[2];
         for (int i = 0; i < 2; ++i) {
             const double corner = low_[i], size = size_[i];
@@ -51,7 +51,7 @@ public:
         for (double i = first[0]; i <= last[0]; ++i)
             for (double j = first[1]; j <= last[1]; ++j) {
                 const std::size_t index = std::size_t(i) * side_ + std::size_t(j);
-                if (from_start[index] <= near && to_goal[index] <= far) return true;
+                if (from_start[index] <= r1 && to_goal[index] <= r2) return true;
             }
         return false;
     }
@@ -89,24 +89,24 @@ public:
     }
 
     // An upper bound of g . q over places q in both discs, g = (ga, gb); lemma 6 is derived in
-    // reachable_set.py. The disc about the start has the radius `near`, the disc about the goal
-    // (D, 0) the radius `far`.
+    // reachable_set.py. The disc about the start has the radius `r1`, the disc about the goal
+    // (D, 0) the radius `r2`.
     //
-    // The bound is the least of near |g|, far |g| + ga D, and, if the circles cross at a corner,
-    // near |g - s| + far |s| + s . (D, 0). Here s is a multiple of the goal disc's normal at the
+    // The bound is the least of r1 |g|, r2 |g| + ga D, and, if the circles cross at a corner,
+    // r1 |g - s| + r2 |s| + s . (D, 0). Here s is a multiple of the goal disc's normal at the
     // corner, chosen so that g - s is a multiple of the start disc's normal there.
     double support(double ga, double gb, std::size_t cell) const {
-        const double near = from_start_[cell], far = to_goal_[cell];
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
         const double along = corner_[2 * cell], across = corner_[2 * cell + 1];
         const double norm = std::sqrt(ga * ga + gb * gb);
-        double best = std::min(near * norm, far * norm + ga * distance_);
+        double best = std::min(r1 * norm, r2 * norm + ga * distance_);
         if (across > 0) {
             const double multiple =
                 positive_part((along * std::abs(gb) / across - ga) / distance_);
             const double sa = multiple * (along - distance_);
             const double sb = multiple * (gb > 0 ? across : gb < 0 ? -across : 0.0);
-            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
-                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
+            best = std::min(best, r1 * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
+                                      + r2 * std::sqrt(sa * sa + sb * sb) + sa * distance_);
         }
         return best;
     }
@@ -122,16 +122,16 @@ public:
                                std::size_t cell) const {
         const double radius[2] = {from_start_[cell], to_goal_[cell]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
-        // For each disc, `far` is the distance of the box's centre from the disc's centre, (na, nb)
-        // is the unit vector to the box, and `along` is the slope's part along this vector.
-        double far[2], na[2], nb[2], along[2];
+        // For each disc, `length` is the distance from the disc's centre to the box's centre,
+        // (na, nb) is the unit vector there, and `along` is the slope's part along this vector.
+        double length[2], na[2], nb[2], along[2];
         bool active[2];
         for (int i = 0; i < 2; ++i) {
-            far[i] = std::sqrt(x[i] * x[i] + y * y);
+            length[i] = std::sqrt(x[i] * x[i] + y * y);
             // Near the centre of a disc the direction from the centre says nothing about the rim.
-            active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
-            na[i] = x[i] / std::max(far[i], TINY);
-            nb[i] = y / std::max(far[i], TINY);
+            active[i] = box.leaves_disc[i] && length[i] > radius[i] / 2;
+            na[i] = x[i] / std::max(length[i], TINY);
+            nb[i] = y / std::max(length[i], TINY);
             along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
@@ -148,7 +148,8 @@ public:
         double extra = 0.0;
         for (int i = 0; i < 2; ++i) {
             const double share = multiplier[i] / radius[i];
-            extra += multiplier[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
+            extra += multiplier[i] * (radius[i] - length[i]) * (radius[i] + length[i])
+                / (2 * radius[i]);
             slope[0] -= share * x[i];
             slope[1] -= share * y;
             curvature[0] -= share;
@@ -162,27 +163,27 @@ private:
     // detours exclude it. square_gap(x, half) is the squared distance of 0 from x - half..x + half.
     bool meets_set(const Box& box, std::size_t cell) const {
         const auto square_gap = [](double x, double half) {
-            const double far = positive_part(std::abs(x) - half);
-            return far * far;
+            const double gap = positive_part(std::abs(x) - half);
+            return gap * gap;
         };
         const double across = square_gap(box.centre[1], box.half[1]);
-        const double near = from_start_[cell], far = to_goal_[cell];
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
         double low[2], high[2];
         for (int i = 0; i < 2; ++i) {
             low[i] = box.centre[i] - box.half[i];
             high[i] = box.centre[i] + box.half[i];
         }
-        return square_gap(box.centre[0], box.half[0]) + across <= near * near
-               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= far * far
-               && (!detours_ || detours_->reaches(low, high, near, far));
+        return square_gap(box.centre[0], box.half[0]) + across <= r1 * r1
+               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= r2 * r2
+               && (!detours_ || detours_->reaches(low, high, r1, r2));
     }
 
     // Whether a place is in both discs of a cell and not excluded by detours.
     bool contains(const double* place, std::size_t cell) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
-        const double near = from_start_[cell], far = to_goal_[cell];
-        return x * x + across <= near * near && along * along + across <= far * far
-               && (!detours_ || detours_->reaches(place, place, near, far));
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
+        return x * x + across <= r1 * r1 && along * along + across <= r2 * r2
+               && (!detours_ || detours_->reaches(place, place, r1, r2));
     }
 
     // Whether a box reaches beyond the disc about (middle, 0).

@@ -51,9 +51,9 @@ public:
         : adversaries_(std::move(adversaries)), price_(price), peak_(peak),
           totals_(adversaries_.size()), trial_(adversaries_.size()) {}
 
-    // Begin with another slot, at another w0 (`weight`), without columns.
-    void begin(double weight, std::size_t uavs) {
-        weight_ = weight;
+    // Begin with another slot, at another w0, without columns.
+    void begin(double w0, std::size_t uavs) {
+        w0_ = w0;
         uavs_.resize(uavs);
         for (Uav& uav : uavs_) {
             uav.columns.clear();
@@ -105,7 +105,7 @@ public:
         }
         double entropy = find_entropy(1.0 - sum);
         for (const double total : totals_) entropy += find_entropy(total);
-        const double slack = std::max(weight_ - sum, 0.0);
+        const double slack = std::max(w0_ - sum, 0.0);
         const double power = std::min(slack / std::max(price_, TINY), peak_);
         return slack * std::log(std::max(power, TINY)) - price_ * power - entropy;
     }
@@ -123,8 +123,8 @@ private:
         std::vector<double> point(count);
         double sum = 0.0;
         for (std::size_t e = 0; e < count; ++e)
-            sum += point[e] = std::max(v[e], INTERIOR * weight_ / double(count));
-        const double most = weight_ * (1 - LEAST_SLACK);
+            sum += point[e] = std::max(v[e], INTERIOR * w0_ / double(count));
+        const double most = w0_ * (1 - LEAST_SLACK);
         if (sum > most)
             for (double& part : point) part *= most / sum;
         return point;
@@ -183,7 +183,7 @@ private:
             sum -= step_[e];
             total += v[e];
         }
-        return sum > 0 ? std::min(length, MOST_OF_WAY * (weight_ - total) / sum) : length;
+        return sum > 0 ? std::min(length, MOST_OF_WAY * (w0_ - total) / sum) : length;
     }
 
     // Return the smoothed bound on the lists of columns, plus the barriers -BARRIER tau log(.) of
@@ -194,7 +194,7 @@ private:
             sum += part;
             bound -= BARRIER * tau * std::log(std::max(part, TINY));
         }
-        bound -= BARRIER * tau * std::log(std::max(weight_ - sum, TINY));
+        bound -= BARRIER * tau * std::log(std::max(w0_ - sum, TINY));
         if (differentiate) differentiate_constant(v, sum, tau);
         for (const Uav& uav : uavs_) bound += smooth_maximum(uav, v, tau, differentiate);
         return bound;
@@ -206,7 +206,7 @@ private:
     // for two places of the same adversary; t is the sum of v over the places of that adversary.
     void differentiate_constant(const std::vector<double>& v, double sum, double tau) {
         const std::size_t count = v.size();
-        const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
+        const double slack = std::max(w0_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
         const double best = slack / std::max(price_, TINY), power = std::min(best, peak_);
         const double slope = BARRIER * tau / slack - std::log(std::max(power, TINY) * rest);
         const double curvature = (best < peak_ ? 1 / slack : 0.0) + 1 / rest
@@ -262,7 +262,7 @@ private:
     double price_, peak_;
     std::vector<double> totals_, trial_;  // Sums of v over every adversary; v after a step.
     std::vector<double> gradient_, hessian_, step_, mean_, weights_;
-    double weight_ = 0.0;
+    double w0_ = 0.0;
     std::vector<Uav> uavs_;
     std::vector<std::pair<double, std::size_t>> order_;
 };

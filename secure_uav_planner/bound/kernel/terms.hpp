@@ -273,9 +273,9 @@ private:
         f.gb = 2 * phi1 / q * db;
         f.gp = -phi1;
         const double d = std::sqrt(d2), nearest = positive_part(d - rho), farthest = d + rho;
-        const double near = nearest * nearest + square, far = farthest * farthest + square;
-        const double top = received * more / near, least = received / more / far;
-        f.ka = top / (1 + top) * 2 / near;
+        const double q_min = nearest * nearest + square, q_max = farthest * farthest + square;
+        const double top = received * more / q_min, least = received / more / q_max;
+        f.ka = top / (1 + top) * 2 / q_min;
         const double grad_max = max_gradient(nearest, farthest, links_->altitude);
         if (grad_max * rho < width) {
             const double phi2_min = std::min(softplus_curvature(top), softplus_curvature(least));

@@ -173,17 +173,17 @@ def certify(team: Team, multipliers: Multipliers,
             prices[i], multipliers.incumbents[i].ravel(), stop).reshape(weights.shape)
     pieces = bound_pieces(team, silent, joint, weights, v, prices[0])
     # B of a group is the largest bound of its cells and pieces of w0, plus rounding errors.
-    slots = np.full(len(team.groups.count), -np.inf)
-    np.maximum.at(slots, cells.group, np.maximum(silent, pieces.max((0, 1))))
-    slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
+    bounds = np.full(len(team.groups.count), -np.inf)
+    np.maximum.at(bounds, cells.group, np.maximum(silent, pieces.max((0, 1))))
+    bounds = bounds + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
     ends = sum(potential.end_cost() for potential in potentials)
     powers = [team.groups.slots * price * region.average
               for price, region in zip(prices, team.regions)]
     offset = math.fsum([ends, *powers])
-    terms = [*(team.groups.count * slots), ends, *powers]
+    terms = [*(team.groups.count * bounds), ends, *powers]
     total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
     rate = total / team.groups.slots / math.log(2.0) * (1 + 1e-14)
-    return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
+    return Certificate(rate if not math.isnan(rate) else math.inf, bounds, offset, potentials,
                        prices)
 
 

@@ -149,16 +149,16 @@ class ReachableSet:
         in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide as the smaller
         disc. With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
-        near, far, distance = self.from_start, self.to_goal, self.distance
+        r1, r2, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
         between = (crossing >= 0) & (crossing <= distance)
         crossing = np.where(between, crossing, 0.0)
         half = np.where(between, np.sqrt(
-            np.maximum((near - crossing) * (near + crossing), 0.0)
-            + 1e-14 * (near**2 + distance**2)), np.minimum(near, far))
-        slack = COORDINATE_ROUNDING * (near + far + distance)
-        low = np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1)
-        high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
+            np.maximum((r1 - crossing) * (r1 + crossing), 0.0)
+            + 1e-14 * (r1**2 + distance**2)), np.minimum(r1, r2))
+        slack = COORDINATE_ROUNDING * (r1 + r2 + distance)
+        low = np.stack([np.maximum(-r1, distance - r2) - slack, -half - slack], -1)
+        high = np.stack([np.minimum(r1, distance + r2) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
         first, end = self._find_cells_in_time()
@@ -192,12 +192,12 @@ class ReachableSet:
 
         Their radii are `from_start` and `to_goal`. A group whose circles do not cross has NaN.
         """
-        near, far, distance = self.from_start, self.to_goal, self.distance
+        r1, r2, distance = self.from_start, self.to_goal, self.distance
         if distance < 1e-9:
-            return np.full(len(near), np.nan)
-        # x of x^2 + y^2 = near^2 and (x - distance)^2 + y^2 = far^2.
-        x = (distance + (near - far) * (near + far) / distance) / 2
-        return np.where(np.abs(x) < near, x, np.nan)
+            return np.full(len(r1), np.nan)
+        # x of x^2 + y^2 = r1^2 and (x - distance)^2 + y^2 = r2^2.
+        x = (distance + (r1 - r2) * (r1 + r2) / distance) / 2
+        return np.where(np.abs(x) < r1, x, np.nan)
 
     @cached_property
     def corner(self) -> Array:
@@ -274,10 +274,10 @@ class ReachableSet:
         at_goal = goal + self.to_goal[:, None, None] * unit
         corner = self.corner[:, None] * np.stack(
             [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
-        near_goal = ((at_start - goal)**2).sum(-1) <= self.to_goal[:, None]**2
-        near_start = (at_goal**2).sum(-1) <= self.from_start[:, None]**2
-        return self.clip(np.where(near_goal[..., None], at_start, np.where(
-            near_start[..., None], at_goal, corner)), np.arange(len(at_start))[:, None])
+        in_goal_disc = ((at_start - goal)**2).sum(-1) <= self.to_goal[:, None]**2
+        in_start_disc = (at_goal**2).sum(-1) <= self.from_start[:, None]**2
+        return self.clip(np.where(in_goal_disc[..., None], at_start, np.where(
+            in_start_disc[..., None], at_goal, corner)), np.arange(len(at_start))[:, None])
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """

@@ -214,9 +214,9 @@ class Terms:
         """
         Return upper bounds of the functions' maxima, (M,) in nats.
 
-        A box is dropped if it misses one of the reachable set's discs, or if its bound is below
-        the incumbent plus TOLERANCE. When all boxes are dropped, the maximum is at most incumbent
-        + TOLERANCE.
+        A box is dropped if it misses the reachable set, or if its bound is at most the incumbent
+        plus TOLERANCE. Larger values that are found replace the incumbent. The maximum over all
+        dropped boxes is at most the last incumbent plus TOLERANCE.
 
         :param incumbents: guesses of the maxima, (M,). Any values give a bound; values near the
             maxima give a tight one.

@@ -148,9 +148,9 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     fraction = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
     x = low[:, :1] + (high - low)[:, :1] * fraction
     # |y| <= half, (G, along), in the discs about start and goal at x.
-    near, far = region.from_start[:, None], region.to_goal[:, None]
+    r1, r2 = region.from_start[:, None], region.to_goal[:, None]
     half = np.sqrt(np.maximum(np.minimum(
-        (near - x) * (near + x), far**2 - (x - region.distance)**2), 0.0))
+        (r1 - x) * (r1 + x), r2**2 - (x - region.distance)**2), 0.0))
     bottom, top = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
     y = bottom[..., None] + (top - bottom)[..., None] * np.linspace(0, 1, across)
     place = np.stack([np.repeat(x, across, 1), y.reshape(len(x), -1)], -1)

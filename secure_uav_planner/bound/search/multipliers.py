@@ -135,8 +135,8 @@ class MultiplierSearch:
             pack_columns(self.team, uav, self.point, columns, weight, v), values)
         return values
 
-    def dual(self, tau: float) -> Dual:
-        """Add a round of columns, and return the dual function on the best columns."""
+    def build_dual(self, tau: float) -> Dual:
+        """Add a round of columns, and return the dual function on the pools' latest columns."""
         self._add_round()
         columns = [[self._restrict(cell, uav, pool.latest) for uav, pool in enumerate(pools)]
                    for cell, pools in enumerate(self.pools)]
@@ -216,7 +216,7 @@ class MultiplierSearch:
 
         :param tau: temperature [nats] of the shares.
         """
-        dual, group = self.dual(tau), np.arange(len(self.weight))
+        dual, group = self.build_dual(tau), np.arange(len(self.weight))
         last = len(self.team.regions) - 1
         worst = dual.find_worst_cell(self.point)
         columns = Columns.choose([parts[last] for parts in dual.columns], worst)
@@ -244,7 +244,7 @@ class MultiplierSearch:
 
     def minimise(self, tau: float, iterations: int) -> None:
         """Add a round of columns, then take at most `iterations` Newton steps at `tau` [nats]."""
-        dual = self.dual(tau)
+        dual = self.build_dual(tau)
         for _ in range(iterations):
             self.raise_if_over()
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
