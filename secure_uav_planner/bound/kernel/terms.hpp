@@ -89,10 +89,11 @@ inline double max_gradient(double low, double high, double altitude) {
 // The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
 inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
 
-// A UAV's links in free space to the ground node and to E eavesdroppers in discs: `altitude` H,
-// `ground` (2), `eavesdroppers` (E, 2) and `radii` (E) in units; `log_gain` and `log_advantages`
-// (E) in nats. The log SNR at 1 W is log_gain (+ log_advantages[e]) - log(d^2 + H^2).
+// A UAV's links in free space to the ground node and to E eavesdroppers in discs.
 struct Links {
+    // `altitude` H, `ground` (2), `eavesdroppers` (E, 2) and `radii` (E) are in units, `log_gain`
+    // and `log_advantages` (E) in nats. The log SNR at 1 W and a distance d is
+    // log_gain - log(d^2 + H^2), plus log_advantages[e] for eavesdropper e.
     Links(double altitude, double log_gain, const py::buffer& ground,
           const py::buffer& eavesdroppers, const py::buffer& radii,
           const py::buffer& log_advantages)

@@ -145,9 +145,9 @@ class ReachableSet:
         Return the lower and the upper corner of a rectangle about each group's set, (G, 2) each.
 
         The set is the overlap of the disc about the start (0, 0) with radius r1 and the disc about
-        the goal (D, 0). If their circles cross between start and goal, at x = a, the set is widest
-        in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide as the smaller
-        disc. With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        the goal (D, 0) with radius r2. If their circles cross between start and goal, at x = a,
+        the set is widest in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide
+        as the smaller disc. The radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
         r1, r2, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
@@ -284,8 +284,8 @@ class ReachableSet:
         Return log(d0^2 + H^2), (...), and log((de^2 + H^2) / a_e), (..., E), at places (..., 2).
 
         a_e is the eavesdropper's advantage. Subtracted from log_gain, each value gives the
-        logarithm of a gain. d0 is the distance to the ground node. de is the distance to the
-        eavesdropper's disc that the guarantee uses: the least for the transmitter, the largest
+        logarithm of a gain. d0 is the distance to the ground node. de is the distance from the
+        eavesdropper's disc in problem (P2): the least one for the transmitter, the largest one
         for a jammer.
         """
         square = self.altitude**2

@@ -144,7 +144,7 @@ class EavesdropperSubset:
 
     def compute_sinrs(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
-        Return the SINR at every place by the guarantee's formula, (E, N).
+        Return upper bounds of the SINR in every disc by the formula of problem (P2), (E, N).
 
         :param positions: positions of a plan, (U, N + 2, 2) in m.
         :param powers: powers of the plan, (U, N) in W.

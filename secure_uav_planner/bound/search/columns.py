@@ -301,7 +301,8 @@ class ColumnPool:
         """
         Add the best silent places for the present multipliers, and drop the oldest added ones.
 
-        :param slope: slope of a linear potential, (G, 2), whose best place has a formula; or None.
+        :param slope: slope of a linear potential's change in each group, (G, 2), for which the
+            best place is the farthest one; None for quadratic potentials.
         :param evaluate: returns the values of silent columns, (G, C) in nats.
         """
         region, place = self.region, self._silent_places

@@ -143,7 +143,7 @@ class MultiplierSearch:
         return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
 
     def _add_round(self) -> None:
-        """Add to pools the best columns, and to the first cell's pools the best silent places."""
+        """Add a round to every pool, and the best silent places to the pools of the first cell."""
         for cell, pools in enumerate(self.pools):
             for uav, pool in enumerate(pools):
                 pool.add_round(partial(self._evaluate_in_cell, cell, uav))
