@@ -213,7 +213,7 @@ def find_power_range(team: Team, uav: int) -> tuple[float, float]:
     """
     Return the lower and the upper limit of log p of a jammer, p being its power [W].
 
-    The upper limit is the peak. At powers below the lower limit the received SNR is less than
+    The upper limit is log peak. At powers below the lower limit the received SNR is less than
     FLOOR everywhere; bound_terms covers these powers.
     """
     region, top = team.regions[uav], math.log(team.regions[uav].peak)

@@ -195,6 +195,7 @@ def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
         fence = shapely.Polygon(boundaries.keep_in)
         solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
                    for pocket in pockets(boundaries.keep_in)]
+    # All are made smaller by SMALLER, and their parts wider by a tenth of it, so that they overlap.
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
         for solid in solids

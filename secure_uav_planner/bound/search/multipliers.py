@@ -255,8 +255,8 @@ class MultiplierSearch:
         Take a damped Newton step; return the dual's slope along it (<= 0), or 0 if none lowers it.
 
         A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
-        0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve, up to
-        MAX_DAMPING. The next step begins with the accepted damping.
+        0.3 and 0.1 are tried, then ten times the damping of ArrowSystem.solve, up to MAX_DAMPING.
+        The next step begins with the accepted damping, or a tenth of it after length 1.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -309,8 +309,7 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     At the places and powers of the plan, w0 = phi'(z0), at least 0.3. The transmitter's price is
     the median over groups of (phi'(z0) - phi'(y)) / power, with y the log SINR of all adversaries.
     The sum of v is the smaller one of phi'(y) and w0 - price power, at least LEAST_LEAK.
-    v_e is in proportion to (adversary's largest SINR) (SINR_e^k / sum of SINR^k over the
-    adversary's places), with k = SHARPNESS; see _find_place_shares.
+    v_e is in proportion to the weight of place e by _find_place_shares, larger for louder places.
     Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
     above the plan instead of 0.1%.
 
@@ -341,7 +340,8 @@ def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
     Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
 
-    The shares of a group add up to 1. suggest_multipliers states how they depend on the SINRs.
+    A share is in proportion to (adversary's largest SINR) (SINR^k / sum of SINR^k over the
+    adversary's places), with k = SHARPNESS. The shares of a group add up to 1.
 
     :param ze: log SINR at the places, (G, E).
     :param largest: largest log SINR of each adversary, (G, number of adversaries).
