@@ -68,7 +68,7 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 
 def find_longest_duration(scenario: Scenario) -> float:
-    """Return the longest duration [s] that the limits of slots and duration leave a scenario."""
+    """Return the longest duration [s] that a scenario may have with its slots' length."""
     return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration)
 
 
@@ -162,7 +162,7 @@ class _Search:
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
         flown. Durations grow by the factor `growth`. If a longer duration cannot be flown although
-        a shorter one can, the factor becomes its square root. If no duration up to the longest
+        a shorter one can, the factor becomes its square root. If no duration that is tried
         delivers the bits, InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)

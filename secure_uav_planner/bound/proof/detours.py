@@ -195,7 +195,7 @@ def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
         fence = shapely.Polygon(boundaries.keep_in)
         solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
                    for pocket in pockets(boundaries.keep_in)]
-    # All are made smaller by SMALLER, and their parts wider by a tenth of it, so that they overlap.
+    # Solids are smaller by SMALLER; their parts are wider by SMALLER / 10, so that parts overlap.
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
         for solid in solids
@@ -256,7 +256,7 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
 
 
 def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
-    """Return what a convex polygon (K, 2) and its shadow of length `reach` hide from a place."""
+    """Return what a convex polygon (K, 2) hides up to `reach` [m] from a place, and itself."""
     offset = outline - place
     length = np.hypot(*offset.T)
     distinct = length > 1e-9

@@ -256,7 +256,7 @@ class MultiplierSearch:
 
         A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
         0.3 and 0.1 are tried, then ten times the damping of ArrowSystem.solve, up to MAX_DAMPING.
-        The next step begins with the accepted damping, or a tenth of it after length 1.
+        The next step begins with the accepted damping, times 0.1 after length 1.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
