@@ -174,9 +174,9 @@ def compute_plain_bound(scenario: Scenario) -> float:
     """
     Return a bound that needs no search, in bit/s/Hz.
 
-    It is log(1 + g p / H^2) at the average power p, with the transmitter above the ground node and
-    no eavesdropper. It holds for every plan: the rate is concave in the power, so unequal powers
-    only lower its mean. It ignores how far the transmitter must fly.
+    It is log2(1 + g p / H^2) at the average power p, with the transmitter above the ground node,
+    the SNR g per W at 1 m, and no eavesdropper. It holds for every plan: the rate is concave in
+    the power, so unequal powers only lower its mean. It ignores how far the transmitter must fly.
     """
     uav = scenario.uavs[0]
     log_snr = (math.log(find_reference_snrs(scenario)[0, 0])
@@ -186,6 +186,7 @@ def compute_plain_bound(scenario: Scenario) -> float:
 
 def list_ignored_limits(detours: DetourSearch) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
+    # Obstacles with more than MOST_CORNERS corners at a UAV's altitude are not used.
     names = ('separation',) if detours.is_complete else (
         'separation', 'no_fly_zones', 'geofence')
     energy = ('max_energy',) if detours.scenario.limits_energy else ()
@@ -215,7 +216,7 @@ class _BestBound:
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """Run the with statement, which searches, then prove a bound, even after a time limit."""
+        """Run the with statement, a search; prove a bound even if TimeLimitError ended it."""
         try:
             yield
         except TimeLimitError:
@@ -243,7 +244,8 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
     Search for multipliers on coarse groups, on fine groups, then with cells; prove each bound.
 
     Fine groups are tried with quadratic potentials if each is one slot, and with linear ones if
-    that is not possible or leaves a gap to the plan above LARGE_GAP. The better search gets cells.
+    that is not possible or leaves a gap to the plan above LARGE_GAP. The fine search with the
+    lower bound gets cells.
     """
     scenario = detours.scenario
     positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
@@ -275,9 +277,10 @@ def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
 def _select_eavesdroppers(scenario: Scenario, objective: str, positions: Array, powers: Array
                           ) -> EavesdropperSubset:
     """
-    Return at most 8 eavesdroppers' places that leak most in a plan; see FEWEST_PLACES.
+    Return the places of eavesdroppers that leak most in a plan.
 
-    `positions` (U, N + 2, 2) in m and `powers` (U, N) in W are the plan's.
+    For E eavesdroppers the number of places is max(3, min(E, 8)), or less if there are not so
+    many. `positions` (U, N + 2, 2) in m and `powers` (U, N) in W are the plan's.
     """
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
@@ -290,7 +293,7 @@ def _select_eavesdroppers(scenario: Scenario, objective: str, positions: Array, 
 
 
 def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: bool) -> None:
-    """Search on fine groups with linear potentials, then quadratic ones if asked; prove."""
+    """Search with linear potentials, then, if `quadratic`, with quadratic ones; prove a bound."""
     fine.raise_if_over()
     with best.proving(fine):
         _anneal(fine, FINE)
@@ -301,7 +304,7 @@ def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: b
 
 def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -> None:
     """
-    Add CUTS cells to every group, search and prove a bound; up to two passes.
+    Add CUTS cells to every group, search on, and prove a bound; up to two such passes.
 
     The first pass needs a gap (bound / rate - 1) above SMALL_GAP, the second one above WIDE_GAP.
     The second is left out if the first kept more than the share STUCK of the gap.
@@ -329,12 +332,13 @@ def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -
 def find_start(scenario: Scenario, deadline: Deadline, objective: str,
                plan: Plan | None) -> tuple[Array, Array, float]:
     """
-    Return positions (U, N + 2, 2) in m, powers (U, N) in W and the rate of a plan.
+    Return positions (U, N + 2, 2) in m, powers (U, N) in W and the rate [bit/s/Hz] of a plan.
 
-    If solve finds no plan, the positions are straight lines, the powers are the average powers,
-    and the rate is 0.
+    By default solve has half of the time left for a plan of at most MOST_GROUPS slots, whose
+    nearest points and powers are repeated in all N slots. If it finds no plan, the positions are
+    straight lines, the powers are the average powers, and the rate is 0.
 
-    :param plan: the plan; by default one that solve finds in half of the time left.
+    :param plan: the plan, or None.
     """
     if plan is not None:
         return plan.positions, plan.powers, getattr(plan, f'{objective}_rate')

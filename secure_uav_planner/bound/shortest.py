@@ -1,4 +1,4 @@
-"""The shortest flight that delivers: a bracket of durations, and a proof of its lower end."""
+"""The shortest flight that delivers: a bracket of durations, and a proof that 1 s less fails."""
 
 from dataclasses import replace
 from itertools import count
@@ -36,10 +36,10 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     Plan the shortest flight that delivers a number of bits, by the method 'joint'.
 
     A flight delivers its mean rate times its duration T. Waiting at the start never delivers
-    less, so a bracket of durations is narrowed to 0.1 s, or to one slot if slots are shorter. The
-    message of the plan says that it delivers the bits. It also says that no flight shorter by 1 s
-    delivers them if upper_bound proves this. Without this proof a shorter flight may exist,
-    because solve may miss the best flight of a duration.
+    less, so a bracket of durations is narrowed to 0.1 s, or to one slot if slots are shorter or a
+    UAV starts in motion. The message of the plan says that it delivers the bits. It also says that
+    no flight shorter by 1 s delivers them if upper_bound proves this. Without this proof a shorter
+    flight may exist, because solve may miss the best flight of a duration.
 
     :param scenario: a Scenario. The number of its slots changes with the duration, and their
         length changes by as much as the rounding of this number needs. If a UAV starts in motion,
@@ -51,9 +51,9 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
         with the shortest delivering flight so far. The Iteration's `step` begins with the
         duration under trial, such as '122.6 s: joint'.
     :return: a Plan, whose scenario has the duration.
-    :raises OptionError: for another objective, a time limit or bits that are not positive.
+    :raises OptionError: for an unknown objective, or a time limit or bits that are not positive.
     :raises InfeasibleMissionError: with the place ('bits',) when no flight can deliver the bits,
-        or when none was found that does; without it when no flight keeps the limits.
+        when none was found that does, or when none was found that keeps the limits.
     :raises StoppedError: when the search is stopped before a delivering flight was found.
     :raises TimeLimitError: when the time limit is over before a delivering flight was found.
     """
@@ -68,7 +68,7 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 
 def find_longest_duration(scenario: Scenario) -> float:
-    """Return the longest duration [s] that a scenario with this slot length may have."""
+    """Return the longest duration [s] that a scenario may have with its slots' length."""
     return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration)
 
 
@@ -76,9 +76,9 @@ def check_bits(scenario: Scenario, bits: float) -> None:
     """
     Refuse bits that provably no flight of a scenario delivers, by formulas without a search.
 
-    The sum of the ground nodes' mean rates is at most log2(1 + SNR) straight below the transmitter
-    at peak power. Each ground node, with its head start, needs its weight times the bits. Bits
-    that pass may still be out of reach.
+    None are delivered if explain_silence has a reason. Otherwise node g needs rate_g T +
+    head start_g >= weight_g bits. The sum of the rates is at most log2(1 + SNR) with the
+    transmitter straight above a node at peak power. Bits that pass may still be out of reach.
 
     :raises InfeasibleMissionError: with the place ('bits',).
     """
@@ -129,7 +129,8 @@ class _Search:
         """
         Return the shortest flight that was found to deliver the bits demanded.
 
-        Its `too_short` is a duration that is proven not to suffice, or None without a proof.
+        Its `too_short` is a duration [s] that is proven not to suffice, or None without a proof.
+        Its `status` tells whether the search ended early. An early end without a flight raises.
         """
         status = run_to_end(self._narrow)
         if self.best is None:
@@ -139,8 +140,9 @@ class _Search:
                        status=self.best.status if status == 'converged' else status)
 
     def _narrow(self) -> Status:
-        """Narrow the bracket of durations to the accuracy, then try to prove its lower end."""
+        """Narrow the bracket of durations; then try to prove that 1 s less than the best fails."""
         best, low, delivered = self._bracket()
+        # The bits are interpolated between both ends, unless the lower one cannot be flown.
         while (high := best.scenario.duration) - low > self._accuracy * (1 + 1e-6):
             share = 0.5 if delivered is None else (
                 (self._bits - delivered) / (_count_bits(best) - delivered))
@@ -156,11 +158,12 @@ class _Search:
 
     def _bracket(self) -> tuple[Plan, float, float | None]:
         """
-        Return a flight that delivers the bits and a shorter duration [s] that does not.
+        Return a flight that delivers the bits and a shorter duration [s] that does not, or 0.
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
         flown. Durations grow by the factor `growth`. If a longer duration cannot be flown although
-        a shorter one can, the factor becomes its square root.
+        a shorter one can, the factor becomes its square root. If no duration that is tried
+        delivers the bits, InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
@@ -180,7 +183,11 @@ class _Search:
             duration = min(growth * low, longest)
 
     def _plan_flight(self, duration: float) -> Plan | None:
-        """Return a plan of a duration [s], or None if it cannot be flown; keep it in `last`."""
+        """
+        Return a plan of a duration [s], or None if it cannot be flown.
+
+        The plan is kept in `last`, and in `best` if it delivers the bits.
+        """
         self._tried = duration
         self._report(Iteration(0, 'start', 0.0, 0.0, 0.0))
         self._deadline.raise_if_over()
@@ -210,7 +217,7 @@ class _Search:
         return self._deadline.poll()
 
     def _prove(self, best: Plan) -> None:
-        """Set too_short of the best plan if a bound proves that a flight shorter by 1 s fails."""
+        """Set `too_short` of `best` if upper_bound proves that a flight shorter by 1 s fails."""
         duration = best.scenario.duration - _SHORTER
         if duration <= 0 or explain_refusal(self._scenario):
             return
@@ -228,5 +235,5 @@ class _Search:
 
 
 def _count_bits(plan: Plan) -> float:
-    """Return what a plan delivers [bit/Hz]."""
+    """Return what a plan delivers [bit/Hz]: its mean rate times its duration."""
     return plan.rate * plan.scenario.duration

@@ -24,11 +24,11 @@ using kernel::Terms;
 
 namespace {
 
-// Branch and bound, level by level of boxes, for the maxima of several functions of one group.
+// Branch and bound, level by level of boxes, for the maxima of several functions of one cell.
 class BranchAndBound {
 public:
-    BranchAndBound(const Terms& terms, std::size_t group, double budget)
-        : terms_(terms), group_(group), budget_(budget), parts_(terms.parts()) {}
+    BranchAndBound(const Terms& terms, std::size_t cell, double budget)
+        : terms_(terms), cell_(cell), budget_(budget), parts_(terms.parts()) {}
 
     // Add function k. If the budget suffices, its bound will be at most the tolerance plus the
     // larger of the incumbent and the largest value that the search finds.
@@ -40,7 +40,7 @@ public:
     // Search, and replace the incumbents of the added functions by the bounds of their maxima. The
     // best point that exceeds the incumbent goes to the function's row of `maximisers` (M, 3).
     void search(Array<double>& bounds, Array<double>& maximisers) {
-        std::vector<Node> level{{terms_.bounding_box(group_), 0, items_.size()}};
+        std::vector<Node> level{{terms_.bounding_box(cell_), 0, items_.size()}};
         while (!level.empty()) {
             next_nodes_.clear();
             next_items_.clear();
@@ -77,12 +77,13 @@ private:
         std::size_t begin, end;
     };
 
-    // Bound the functions that need a box. Functions whose bound exceeds `enough` need both halves
-    // of the box; the box is cut for the one whose bound exceeds `enough` most. A function that
-    // has spent its budget of boxes keeps the bound over the parent box.
+    // Bound the functions that need a box, unless it misses the reachable set. Functions whose
+    // bound exceeds `enough` need both halves of the box; the box is cut for the one whose bound
+    // exceeds `enough` most. A function that has spent its budget of boxes keeps its bound over
+    // the parent box if that is finite, and otherwise its bound over this box.
     void visit(Node& node) {
         Box& box = node.box;
-        terms_.expand(group_, box, parts_.data());
+        terms_.expand(cell_, box, parts_.data());
         if (!box.meets_set) return;
         const std::size_t begin = next_items_.size();
         double most = -INFINITE;
@@ -96,7 +97,7 @@ private:
             if (!(bound <= function.enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = terms_.sum(function.number, parts_.data());
                 raise_incumbent(function, box, f.value);
-                bound = terms_.bound(group_, box, f, function.enough);
+                bound = terms_.bound(cell_, box, f, function.enough);
                 if (!ended && !(bound <= function.enough)) {
                     next_items_.push_back({items_[i].function, bound});
                     if (!(bound - function.enough <= most)) {
@@ -112,7 +113,8 @@ private:
         if (next_items_.size() > begin) halve(box, cut, loosest, begin);
     }
 
-    // Take the centre of a box as a function's best point if its value exceeds the incumbent.
+    // If the centre of a box is in the reachable set and its value exceeds the incumbent, make
+    // this value the incumbent and the centre the function's best point.
     static void raise_incumbent(Function& function, const Box& box, double value) {
         if (!box.centre_in_set || !(value + function.tolerance > function.enough)) return;
         function.enough = value + function.tolerance;
@@ -121,7 +123,7 @@ private:
     }
 
     // Add both halves of a box to the next level, where they share the items from `begin` on. The
-    // box is cut along the side that loosens the bound of `function` most; `sum` is the expansion
+    // box is cut across the side that loosens the bound of `function` most; `sum` is the expansion
     // of this function in the box.
     void halve(const Box& box, std::size_t function, const Expansion& sum, std::size_t begin) {
         // Absolute values are added, because curvatures that cancel in `sum`, and negative ones
@@ -156,7 +158,7 @@ private:
     }
 
     const Terms& terms_;
-    std::size_t group_;
+    std::size_t cell_;
     double budget_;
     std::vector<Expansion> parts_;
     std::vector<Function> functions_;
@@ -165,7 +167,7 @@ private:
 };
 
 // Prove an upper bound [nats] of the maximum of each of `functions`, which are indices of M
-// functions. They share the boxes of a branch and bound, and so must be of one group. `bounds` (M)
+// functions. They share the boxes of a branch and bound, and so must have one cell. `bounds` (M)
 // holds an incumbent of each function, a guess of the maximum, which the bound replaces.
 // `tolerances` (M): how far a bound may exceed the larger of the maximum and the incumbent.
 // `budget`: number of boxes after which a function's bound is taken as it is.
@@ -180,10 +182,10 @@ void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buf
     expect(index.size() > 0, "functions");
     for (std::size_t i = 0; i < index.size(); ++i)
         expect(index[i] >= 0 && std::size_t(index[i]) < terms.size()
-                   && terms.group(std::size_t(index[i])) == terms.group(std::size_t(index[0])),
+                   && terms.cell(std::size_t(index[i])) == terms.cell(std::size_t(index[0])),
                "functions");
     const py::gil_scoped_release release;
-    BranchAndBound tree(terms, terms.group(std::size_t(index[0])), budget);
+    BranchAndBound tree(terms, terms.cell(std::size_t(index[0])), budget);
     for (std::size_t i = 0; i < index.size(); ++i) {
         const std::size_t function = std::size_t(index[i]);
         tree.add(function, bound[function], tolerance[function]);
@@ -203,14 +205,15 @@ py::tuple bound_box(const Terms& terms, std::size_t function, const py::buffer& 
         box.half[i] = sides[i];
     }
     std::vector<Expansion> parts(terms.parts());
-    const std::size_t group = terms.group(function);
-    terms.expand(group, box, parts.data());
+    const std::size_t cell = terms.cell(function);
+    terms.expand(cell, box, parts.data());
     const Expansion f = terms.sum(function, parts.data());
-    return py::make_tuple(f.value, terms.bound(group, box, f, -INFINITE));
+    return py::make_tuple(f.value, terms.bound(cell, box, f, -INFINITE));
 }
 
 }  // namespace
 
+// Add the classes of this file to the Python module of the kernel.
 void add_bound_boxes(py::module_& module) {
     using kernel::Detours;
     using kernel::Links;
@@ -231,7 +234,7 @@ void add_bound_boxes(py::module_& module) {
         .def(py::init<std::shared_ptr<ReachableSet>, std::shared_ptr<Links>, Buffer, Buffer,
                       Buffer, Buffer, Buffer, Buffer, Buffer, double,
                       std::optional<std::pair<double, double>>>(),
-             arg("region"), arg("links"), arg("group"), arg("weight"), arg("v"), arg("slope"),
+             arg("region"), arg("links"), arg("cell"), arg("weight"), arg("v"), arg("slope"),
              arg("curvature"), arg("speed_cost"), arg("margin"), arg("price"), arg("powers"))
         .def("bound_maxima", &bound_maxima)
         .def("bound_box", &bound_box);

@@ -36,7 +36,7 @@ public:
           leaks_(args, "leaks", groups_ * columns_ * eavesdroppers_),
           potentials_(args, "potentials", (groups_ + 1) * width_),
           count_(args, "count", groups_), step_(args, "step", groups_),
-          mean_(args, "mean", 2 * groups_), weights_(args, "weights", groups_),
+          mean_(args, "mean", 2 * groups_), w0_(args, "weights", groups_),
           v_(args, "v", groups_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
         kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
@@ -65,9 +65,9 @@ public:
     const std::vector<double>& values() const { return values_; }
 
     // Find tau log sum exp(value / tau) over the columns of group g, whose values `evaluate` has
-    // just filled; `best` is the index of the largest one. Unless `slope` is null, fill the slope
-    // (F) and the Hessian (F, F) by the group's unknowns: v, the potentials at both edges, and the
-    // price.
+    // just filled, and replace each value in values_ by its weight exp((value - largest) / tau).
+    // `best` is the index of the largest value. Unless `slope` is null, fill the slope (F) and the
+    // Hessian (F, F) by the group's unknowns: v, the potentials at both edges, and the price.
     double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const double top = values_[best];
         double total = 0.0;
@@ -81,9 +81,10 @@ public:
     }
 
 private:
-    // Fill the derivatives of the smoothed maximum of group g. values_ has a weight of each column,
-    // and `total` is their sum. With the shares r, and the slope g and Hessian H of each column,
-    // the slope is m = sum of r g, and the Hessian is sum of r (H + g g' / tau) - m m' / tau.
+    // Fill the slope (F) and the Hessian (F, F) of the smoothed maximum of group g. values_ has a
+    // weight of each column, `total` is their sum. With the shares r = weight / total, and the
+    // slope g and Hessian H of each column, the slope is m = sum of r g, and the Hessian is
+    // sum of r (H + g g' / tau) - m m' / tau.
     void differentiate(std::size_t g, double total, double* slope, double* hessian) {
         const std::size_t f = features_;
         std::fill(slope, slope + f, 0.0);
@@ -122,8 +123,8 @@ private:
         row_[features_ - 1] = -power_[column];
     }
 
-    // The smoothed length |u + S q| at an edge, for derivatives: `factor` is the weight over the
-    // norm, (n0, n1) the direction, and `smoothing` is delta over the norm.
+    // The smoothed length |h| of sum_lengths at an edge, for derivatives: with r =
+    // sqrt(|h|^2 + delta^2), `factor` is m step / r, (n0, n1) is h / r, `smoothing` is delta / r.
     struct Length {
         double factor, n0, n1, smoothing;
     };
@@ -139,7 +140,7 @@ private:
     // where `lengths` is sum_lengths(g, c).
     double find_value(std::size_t g, std::size_t c, double lengths) const {
         const std::size_t column = g * columns_ + c;
-        double value = find_change(g, c) + lengths + weights_[g] * ground_[column];
+        double value = find_change(g, c) + lengths + w0_[g] * ground_[column];
         for (std::size_t i = 0; i < eavesdroppers_; ++i)
             value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
         return value;
@@ -157,31 +158,32 @@ private:
     }
 
     // Return the bound [nats] of the potential's growth by a move from place q of column c: the
-    // sum over both edges of the group of mean step (sqrt(|h|^2 + delta^2) - delta), which smooths
-    // mean step |h|. With u and S of the edge, h = u + S q + (w after - w before) / count, and
-    // delta = tau / step. Unless `terms` is null, fill terms[edge] for the derivatives.
-    double sum_lengths(std::size_t g, std::size_t c, Length* terms) const {
+    // sum over both edges of the group of m step (sqrt(|h|^2 + delta^2) - delta), which smooths
+    // m step |h|. m is the edge's weight in mean_. With u and S of the edge, h = u + S q +
+    // (w after - w before) / count, and delta = tau / step. Unless `lengths` is null, fill
+    // lengths[edge] for the derivatives.
+    double sum_lengths(std::size_t g, std::size_t c, Length* lengths) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
         const double *before = potential(g), *after = potential(g + 1);
         double value = 0.0;
         for (std::size_t edge = 0; edge < 2; ++edge) {
             const double factor = mean_[edge * groups_ + g] * step;
-            if (terms) terms[edge].factor = 0.0;
+            if (lengths) lengths[edge].factor = 0.0;
             if (factor == 0.0) continue;
             const double* own = edge ? after : before;
-            double g0 = own[0], g1 = own[1];
+            double h0 = own[0], h1 = own[1];
             if (quadratic_) {
-                g0 += own[2] * q[0] + own[3] * q[1];
-                g1 += own[3] * q[0] + own[4] * q[1];
+                h0 += own[2] * q[0] + own[3] * q[1];
+                h1 += own[3] * q[0] + own[4] * q[1];
             }
             if (acceleration_) {
-                g0 += (after[base_] - before[base_]) / count_[g];
-                g1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
+                h0 += (after[base_] - before[base_]) / count_[g];
+                h1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
             }
             const double delta = tau_ / step;
-            const double norm = std::sqrt(g0 * g0 + g1 * g1 + delta * delta);
+            const double norm = std::sqrt(h0 * h0 + h1 * h1 + delta * delta);
             value += factor * (norm - delta);
-            if (terms) terms[edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
+            if (lengths) lengths[edge] = {factor / norm, h0 / norm, h1 / norm, delta / norm};
         }
         return value;
     }
@@ -249,12 +251,13 @@ private:
     std::size_t base_;               // Count of u and S, which precede w.
     double tau_, price_;
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
-        weights_, v_;
+        w0_, v_;
     std::size_t features_;
     std::vector<double> values_, row_;
 };
 
-// Fill the smoothed maximum of each group, with derivatives unless `slope` is empty; see core.pyi.
+// Fill `value` (G) with the smoothed maximum of each group over the columns `args`, which
+// pack_columns makes; unless `slope` is empty, fill `slope` (G, F) and `hessian` (G, F, F).
 void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buffer& slope,
                    const py::buffer& hessian) {
     Columns columns(args);
@@ -270,7 +273,7 @@ void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buff
     });
 }
 
-// Fill the values of all columns; see core.pyi.
+// Fill `values` (G, C) in nats with the values of the columns `args`, which pack_columns makes.
 void evaluate_columns(const py::dict& args, const py::buffer& values) {
     Columns columns(args);
     const Array<double> written(values, "values", columns.groups() * columns.columns());

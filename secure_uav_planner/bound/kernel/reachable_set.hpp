@@ -1,7 +1,7 @@
-// The places that a UAV can reach in every group of slots; see bound/proof/reachable_set.py.
+// The places that a UAV can reach in a group of slots; see bound/proof/reachable_set.py.
 //
 // A reachable set is the intersection of two discs, about the start (0, 0) and about the goal,
-// minus the places that detours exclude.
+// minus the places that detours exclude. A cell is a part of a reachable set.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -37,9 +37,9 @@ public:
         expect(side_ && lengths_.size() == 2 * side_ * side_, "lengths");
     }
 
-    // True if a UAV may be in a rectangle with a path of at most `near` from its start and a path
-    // of at most `far` to its goal. False only if it cannot.
-    bool reaches(const double* low, const double* high, double near, double far) const {
+    // True if a grid cell that the rectangle low..high touches has a path of at most `r1` from
+    // the start and one of at most `r2` to the goal. False only if a UAV cannot be there.
+    bool reaches(const double* low, const double* high, double r1, double r2) const {
         double first[2], last[2];
         for (int i = 0; i < 2; ++i) {
             const double corner = low_[i], size = size_[i];
@@ -50,8 +50,8 @@ public:
         const double* to_goal = from_start + side_ * side_;
         for (double i = first[0]; i <= last[0]; ++i)
             for (double j = first[1]; j <= last[1]; ++j) {
-                const std::size_t cell = std::size_t(i) * side_ + std::size_t(j);
-                if (from_start[cell] <= near && to_goal[cell] <= far) return true;
+                const std::size_t index = std::size_t(i) * side_ + std::size_t(j);
+                if (from_start[index] <= r1 && to_goal[index] <= r2) return true;
             }
         return false;
     }
@@ -61,82 +61,85 @@ private:
     std::size_t side_;
 };
 
-// The reachable set of a UAV in each of G groups: the intersection of two discs, minus the places
-// that detours exclude.
+// The reachable sets of a UAV for C cells; cells of one group have the same discs.
 class ReachableSet {
 public:
+    // `distance` from start to goal; `from_start` and `to_goal` (C): radii of the discs; `corner`
+    // (C, 2): upper crossing of the circles, or (0, 0); `low` and `high` (C, 2): cells' corners.
     ReachableSet(double distance, const py::buffer& from_start, const py::buffer& to_goal,
                  const py::buffer& corner, const py::buffer& low, const py::buffer& high,
                  std::shared_ptr<const Detours> detours)
-        : groups_(count_entries(from_start)), distance_(distance),
-          from_start_(from_start, "from_start"), to_goal_(to_goal, "to_goal", groups_),
-          corner_(corner, "corner", 2 * groups_), low_(low, "low", 2 * groups_),
-          high_(high, "high", 2 * groups_), detours_(std::move(detours)) {}
+        : count_(count_entries(from_start)), distance_(distance),
+          from_start_(from_start, "from_start"), to_goal_(to_goal, "to_goal", count_),
+          corner_(corner, "corner", 2 * count_), low_(low, "low", 2 * count_),
+          high_(high, "high", 2 * count_), detours_(std::move(detours)) {}
 
-    std::size_t groups() const { return groups_; }
+    std::size_t cells() const { return count_; }
 
-    // The smallest coordinate of a group along an axis, and the largest.
-    double low(std::size_t group, int axis) const { return low_[2 * group + axis]; }
-    double high(std::size_t group, int axis) const { return high_[2 * group + axis]; }
+    // The smallest and the largest coordinate of a cell along an axis, 0 for x or 1 for y.
+    double low(std::size_t cell, int axis) const { return low_[2 * cell + axis]; }
+    double high(std::size_t cell, int axis) const { return high_[2 * cell + axis]; }
 
-    // Set the flags of a box: whether it meets the reachable set, and leaves the discs.
-    void locate(std::size_t group, Box& box) const {
-        box.meets_set = meets_set(box, group);
-        box.centre_in_set = contains(box.centre, group);
-        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[group]);
-        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
+    // Set a box's flags: whether it may meet the set, has its centre there, leaves either disc.
+    void locate(std::size_t cell, Box& box) const {
+        box.meets_set = meets_set(box, cell);
+        box.centre_in_set = contains(box.centre, cell);
+        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[cell]);
+        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[cell]);
     }
 
     // An upper bound of g . q over places q in both discs, g = (ga, gb); lemma 6 is derived in
-    // reachable_set.py. The near disc is about the start, the far disc about the goal (D, 0).
+    // reachable_set.py. The disc about the start has the radius `r1`, the disc about the goal
+    // (D, 0) the radius `r2`.
     //
-    // The bound is the least of near |g|, far |g| + ga D, and near |g - s| + far |s| + s . (D, 0).
-    // Here s is a multiple of the far disc's normal at the corner, chosen so that g - s is a
-    // multiple of the near disc's normal there.
-    double support(double ga, double gb, std::size_t group) const {
-        const double near = from_start_[group], far = to_goal_[group];
-        const double along = corner_[2 * group], across = corner_[2 * group + 1];
+    // The bound is the least of r1 |g|, r2 |g| + ga D, and, if the circles cross at a corner,
+    // r1 |g - s| + r2 |s| + s . (D, 0). Here s is a multiple of the goal disc's normal at the
+    // corner, chosen so that g - s is a multiple of the start disc's normal there.
+    double support(double ga, double gb, std::size_t cell) const {
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
+        const double along = corner_[2 * cell], across = corner_[2 * cell + 1];
         const double norm = std::sqrt(ga * ga + gb * gb);
-        double best = std::min(near * norm, far * norm + ga * distance_);
+        double best = std::min(r1 * norm, r2 * norm + ga * distance_);
         if (across > 0) {
-            const double share =
+            const double multiple =
                 positive_part((along * std::abs(gb) / across - ga) / distance_);
-            const double sa = share * (along - distance_);
-            const double sb = share * (gb > 0 ? across : gb < 0 ? -across : 0.0);
-            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
-                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
+            const double sa = multiple * (along - distance_);
+            const double sb = multiple * (gb > 0 ? across : gb < 0 ? -across : 0.0);
+            best = std::min(best, r1 * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
+                                      + r2 * std::sqrt(sa * sa + sb * sb) + sa * distance_);
         }
         return best;
     }
 
-    // Add multiples of the discs' functions to a function over a box on the rim. Change the
-    // function's slope and second derivatives; return the change of its value at the centre.
+    // Add multiples of the discs' functions to a function over a box on the rim. Change its slope
+    // (2) and its second derivatives (2); return the change of its value at the box's centre.
     //
     // In a disc of radius R about c the function (R^2 - |q - c|^2) / (2 R) is not negative, so any
     // multiple a >= 0 may be added to a function before it is bounded. If a is the slope's part
     // along q - c, the slope across the rim vanishes, and a / R is subtracted from the second
     // derivatives. Near a maximum on the rim the remaining terms are of second order.
     double add_disc_multiplier(const Box& box, double* slope, double* curvature,
-                               std::size_t group) const {
-        const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
+                               std::size_t cell) const {
+        const double radius[2] = {from_start_[cell], to_goal_[cell]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
-        // For each disc, `far` is the distance of the box's centre from the disc's centre, (na, nb)
-        // is the unit vector to the box, and `along` is the slope's part along this vector.
-        double far[2], na[2], nb[2], along[2];
+        // For each disc, `length` is the distance from the disc's centre to the box's centre,
+        // (na, nb) is the unit vector there, and `along` is the slope's part along this vector.
+        double length[2], na[2], nb[2], along[2];
         bool active[2];
         for (int i = 0; i < 2; ++i) {
-            far[i] = std::sqrt(x[i] * x[i] + y * y);
+            length[i] = std::sqrt(x[i] * x[i] + y * y);
             // Near the centre of a disc the direction from the centre says nothing about the rim.
-            active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
-            na[i] = x[i] / std::max(far[i], TINY);
-            nb[i] = y / std::max(far[i], TINY);
+            active[i] = box.leaves_disc[i] && length[i] > radius[i] / 2;
+            na[i] = x[i] / std::max(length[i], TINY);
+            nb[i] = y / std::max(length[i], TINY);
             along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
         // These two multipliers leave the slope no part along either unit vector.
         double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
                                 (along[1] - cosine * along[0]) / sine2};
-        // Nearly opposite directions would need multipliers far larger than the slope.
+        // Only one disc gets a multiplier if not both are active or positive, or if both unit
+        // vectors are nearly parallel: both multipliers would be far larger than the slope.
         if (!(active[0] && active[1] && multiplier[0] > 0 && multiplier[1] > 0 && sine2 > 1e-2)) {
             const int stronger = along[0] > along[1] ? 0 : 1;
             multiplier[stronger] = positive_part(along[stronger]);
@@ -145,7 +148,8 @@ public:
         double extra = 0.0;
         for (int i = 0; i < 2; ++i) {
             const double share = multiplier[i] / radius[i];
-            extra += multiplier[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
+            extra += multiplier[i] * (radius[i] - length[i]) * (radius[i] + length[i])
+                / (2 * radius[i]);
             slope[0] -= share * x[i];
             slope[1] -= share * y;
             curvature[0] -= share;
@@ -157,29 +161,29 @@ public:
 private:
     // False only if a box misses the reachable set, because it misses one of the discs or because
     // detours exclude it. square_gap(x, half) is the squared distance of 0 from x - half..x + half.
-    bool meets_set(const Box& box, std::size_t group) const {
+    bool meets_set(const Box& box, std::size_t cell) const {
         const auto square_gap = [](double x, double half) {
-            const double far = positive_part(std::abs(x) - half);
-            return far * far;
+            const double gap = positive_part(std::abs(x) - half);
+            return gap * gap;
         };
         const double across = square_gap(box.centre[1], box.half[1]);
-        const double near = from_start_[group], far = to_goal_[group];
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
         double low[2], high[2];
         for (int i = 0; i < 2; ++i) {
             low[i] = box.centre[i] - box.half[i];
             high[i] = box.centre[i] + box.half[i];
         }
-        return square_gap(box.centre[0], box.half[0]) + across <= near * near
-               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= far * far
-               && (!detours_ || detours_->reaches(low, high, near, far));
+        return square_gap(box.centre[0], box.half[0]) + across <= r1 * r1
+               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= r2 * r2
+               && (!detours_ || detours_->reaches(low, high, r1, r2));
     }
 
-    // Whether a place is in the reachable set of a group.
-    bool contains(const double* place, std::size_t group) const {
+    // Whether a place is in both discs of a cell and not excluded by detours.
+    bool contains(const double* place, std::size_t cell) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
-        const double near = from_start_[group], far = to_goal_[group];
-        return x * x + across <= near * near && along * along + across <= far * far
-               && (!detours_ || detours_->reaches(place, place, near, far));
+        const double r1 = from_start_[cell], r2 = to_goal_[cell];
+        return x * x + across <= r1 * r1 && along * along + across <= r2 * r2
+               && (!detours_ || detours_->reaches(place, place, r1, r2));
     }
 
     // Whether a box reaches beyond the disc about (middle, 0).
@@ -189,7 +193,7 @@ private:
         return x * x + y * y > radius * radius;
     }
 
-    std::size_t groups_;
+    std::size_t count_;
     double distance_;
     Array<const double> from_start_, to_goal_, corner_, low_, high_;
     std::shared_ptr<const Detours> detours_;

@@ -51,9 +51,9 @@ public:
         : adversaries_(std::move(adversaries)), price_(price), peak_(peak),
           totals_(adversaries_.size()), trial_(adversaries_.size()) {}
 
-    // Begin with another slot, at another w0 (`weight`), without columns.
-    void begin(double weight, std::size_t uavs) {
-        weight_ = weight;
+    // Begin with another slot, at another w0, without columns.
+    void begin(double w0, std::size_t uavs) {
+        w0_ = w0;
         uavs_.resize(uavs);
         for (Uav& uav : uavs_) {
             uav.columns.clear();
@@ -67,7 +67,7 @@ public:
     }
 
     // Minimise the bound approximately over the eavesdroppers' multipliers v, beginning at the
-    // given v, which a better result replaces.
+    // given v, which a better result replaces. A v with an infinite bound is left as it is.
     void minimise(double* v) {
         const double before = find_bound(v);
         if (!std::isfinite(before)) return;
@@ -79,14 +79,14 @@ public:
         if (find_bound(point.data()) < before) std::copy(point.begin(), point.end(), v);
     }
 
-    // The bound at v [nats], with the largest values of all columns.
+    // The bound at v [nats]: constant(v) plus the largest value of each UAV's columns.
     double find_bound(const double* v) {
         double sum = constant(v);
         for (std::size_t uav = 0; uav < uavs_.size(); ++uav) sum += find_maximum(uav, v);
         return sum;
     }
 
-    // Find the largest value of a UAV's columns, -infinity without any.
+    // Find the largest value at v [nats] of a UAV's columns; -infinity without columns.
     double find_maximum(std::size_t uav, const double* v) const {
         double most = -kernel::INFINITE;
         for (const Column& column : uavs_[uav].columns) most = std::max(most, value(column, v));
@@ -105,7 +105,7 @@ public:
         }
         double entropy = find_entropy(1.0 - sum);
         for (const double total : totals_) entropy += find_entropy(total);
-        const double slack = std::max(weight_ - sum, 0.0);
+        const double slack = std::max(w0_ - sum, 0.0);
         const double power = std::min(slack / std::max(price_, TINY), peak_);
         return slack * std::log(std::max(power, TINY)) - price_ * power - entropy;
     }
@@ -116,14 +116,15 @@ private:
         const double* leaks;
     };
 
-    // Return v moved to where the barriers are finite: every v above 0, and their sum below w0.
+    // Return v moved to where the barriers are finite: every v_e is at least INTERIOR w0 / E, then
+    // all are scaled so that their sum is at most (1 - LEAST_SLACK) w0.
     std::vector<double> move_inside(const double* v) const {
         const std::size_t count = adversaries_.size();
         std::vector<double> point(count);
         double sum = 0.0;
         for (std::size_t e = 0; e < count; ++e)
-            sum += point[e] = std::max(v[e], INTERIOR * weight_ / double(count));
-        const double most = weight_ * (1 - LEAST_SLACK);
+            sum += point[e] = std::max(v[e], INTERIOR * w0_ / double(count));
+        const double most = w0_ * (1 - LEAST_SLACK);
         if (sum > most)
             for (double& part : point) part *= most / sum;
         return point;
@@ -140,7 +141,7 @@ private:
         return sum;
     }
 
-    // Add the best columns at v to a UAV's list.
+    // Add the JOINING best columns at v to a UAV's list. A column may be in the list repeatedly.
     void extend(Uav& uav, const double* v) {
         order_.clear();
         for (std::size_t c = 0; c < uav.columns.size(); ++c)
@@ -153,7 +154,8 @@ private:
 
     // Minimise the smoothed bound F over v by Newton's method: v moves by -length step_, with
     // step_ = Hessian^-1 gradient. `length` is halved until F falls by a tenth of length times
-    // `decrease` = step_ . gradient. Below ENOUGH tau of `decrease` the search ends.
+    // `decrease` = step_ . gradient. The search ends when `decrease` is below ENOUGH tau, `length`
+    // is below 1e-8, or the Hessian is singular, and after NEWTON_STEPS steps.
     void descend(std::vector<double>& v, double tau) {
         const std::size_t count = v.size();
         for (int step = 0; step < NEWTON_STEPS; ++step) {
@@ -181,18 +183,18 @@ private:
             sum -= step_[e];
             total += v[e];
         }
-        return sum > 0 ? std::min(length, MOST_OF_WAY * (weight_ - total) / sum) : length;
+        return sum > 0 ? std::min(length, MOST_OF_WAY * (w0_ - total) / sum) : length;
     }
 
-    // Return the smoothed bound on the lists of columns, with the barriers. If `differentiate`,
-    // fill gradient_ and hessian_ by v.
+    // Return the smoothed bound on the lists of columns, plus the barriers -BARRIER tau log(.) of
+    // every v and of w0 - s. If `differentiate`, fill gradient_ and hessian_ by v.
     double smooth(const std::vector<double>& v, double tau, bool differentiate) {
         double bound = constant(v.data()), sum = 0.0;
         for (const double part : v) {
             sum += part;
             bound -= BARRIER * tau * std::log(std::max(part, TINY));
         }
-        bound -= BARRIER * tau * std::log(std::max(weight_ - sum, TINY));
+        bound -= BARRIER * tau * std::log(std::max(w0_ - sum, TINY));
         if (differentiate) differentiate_constant(v, sum, tau);
         for (const Uav& uav : uavs_) bound += smooth_maximum(uav, v, tau, differentiate);
         return bound;
@@ -204,7 +206,7 @@ private:
     // for two places of the same adversary; t is the sum of v over the places of that adversary.
     void differentiate_constant(const std::vector<double>& v, double sum, double tau) {
         const std::size_t count = v.size();
-        const double slack = std::max(weight_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
+        const double slack = std::max(w0_ - sum, TINY), rest = std::max(1.0 - sum, TINY);
         const double best = slack / std::max(price_, TINY), power = std::min(best, peak_);
         const double slope = BARRIER * tau / slack - std::log(std::max(power, TINY) * rest);
         const double curvature = (best < peak_ ? 1 / slack : 0.0) + 1 / rest
@@ -260,7 +262,7 @@ private:
     double price_, peak_;
     std::vector<double> totals_, trial_;  // Sums of v over every adversary; v after a step.
     std::vector<double> gradient_, hessian_, step_, mean_, weights_;
-    double weight_ = 0.0;
+    double w0_ = 0.0;
     std::vector<Uav> uavs_;
     std::vector<std::pair<double, std::size_t>> order_;
 };
@@ -291,7 +293,8 @@ struct Columns {
 };
 
 // Minimise over v the bound of every row, a pair of one of K w0 and one of C' cells: row k C' + c.
-// core.pyi describes the arguments.
+// Replace `v` (K, C', E), the start, by the result; fill `maxima` (U, K, C') and `bounds` (K, C')
+// at the result, in nats. core.pyi describes the other arguments.
 void minimise_slot_bounds(const py::sequence& uavs, const py::buffer& adversaries, double price,
                           double peak, const py::buffer& group, const py::buffer& low,
                           const py::buffer& high, const py::buffer& weights, const py::buffer& v,

@@ -38,7 +38,7 @@
 // the reachable set, or on its rim, the number of boxes does not grow as they shrink.
 //
 // All of that but the reachable set's part is linear in the weights w0 and v, which are not
-// negative. So the functions of a group are bounded together: a box has an expansion for each
+// negative. So the functions of a cell are bounded together: a box has an expansion for each
 // weight and a last one without a weight, and every function that needs the box adds them up.
 #pragma once
 
@@ -64,7 +64,7 @@ struct Expansion {
     double value, ga, gb, gp, ka, kb, kp, rest;
 };
 
-// The largest slope x + curvature x^2 / 2 for low <= x <= high.
+// The largest value of slope x + curvature x^2 / 2 for low <= x <= high.
 inline double max_quadratic(double slope, double curvature, double low, double high) {
     const auto value = [&](double x) { return (slope + curvature * x / 2) * x; };
     if (curvature < 0 && -slope < low * curvature && -slope > high * curvature)
@@ -89,10 +89,11 @@ inline double max_gradient(double low, double high, double altitude) {
 // The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
 inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
 
-// A UAV's links in free space to the ground node and to E eavesdroppers in discs: `altitude` H,
-// `ground` (2), `eavesdroppers` (E, 2) and `radii` (E) in units; `log_gain` and `log_advantages`
-// (E) in nats. The log SNR at 1 W is log_gain (+ log_advantages[e]) - log(d^2 + H^2).
+// A UAV's links in free space to the ground node and to E eavesdroppers in discs.
 struct Links {
+    // `altitude` H, `ground` (2), `eavesdroppers` (E, 2) and `radii` (E) are in units, `log_gain`
+    // and `log_advantages` (E) in nats. The log SNR at 1 W and a distance d is
+    // log_gain - log(d^2 + H^2), plus log_advantages[e] for eavesdropper e.
     Links(double altitude, double log_gain, const py::buffer& ground,
           const py::buffer& eavesdroppers, const py::buffer& radii,
           const py::buffer& log_advantages)
@@ -109,27 +110,28 @@ struct Links {
 // Functions of one UAV's place and power over cells of its reachable set; see proof/terms.py.
 class Terms {
 public:
-    // Read the arrays of M functions over C cells; proof/terms.py describes them. Here a group is a
-    // cell: `group` (M) is the cell of each function. `weight` (M) and `v` (M, E) belong to the
+    // Read the arrays of M functions over C cells; proof/terms.py describes them. `cell` (M),
+    // the index of each function's cell, `weight` (M), which is w0, and `v` (M, E) belong to the
     // functions; `slope` (C, 2), `curvature` (C, 3), `speed_cost` (C, 6), `margin` (C) to cells.
+    // `powers` is the range of a jammer's log p, absent for functions of the place only.
     Terms(std::shared_ptr<const ReachableSet> region, std::shared_ptr<const Links> links,
-          const py::buffer& group, const py::buffer& weight, const py::buffer& v,
+          const py::buffer& cell, const py::buffer& weight, const py::buffer& v,
           const py::buffer& slope, const py::buffer& curvature, const py::buffer& speed_cost,
           const py::buffer& margin, double price,
           std::optional<std::pair<double, double>> powers)
         : region_(std::move(region)), links_(std::move(links)), count_(count_entries(weight)),
-          eavesdroppers_(links_->count), group_(group, "group", count_),
+          eavesdroppers_(links_->count), cell_(cell, "cell", count_),
           weight_(weight, "weight"), v_(v, "v", count_ * eavesdroppers_),
-          slope_(slope, "slope", 2 * region_->groups()),
-          curvature_(curvature, "curvature", 3 * region_->groups()),
-          speed_cost_(speed_cost, "speed_cost", 6 * region_->groups()),
-          margin_(margin, "margin", region_->groups()), price_(price), powers_(powers) {
+          slope_(slope, "slope", 2 * region_->cells()),
+          curvature_(curvature, "curvature", 3 * region_->cells()),
+          speed_cost_(speed_cost, "speed_cost", 6 * region_->cells()),
+          margin_(margin, "margin", region_->cells()), price_(price), powers_(powers) {
         for (std::size_t k = 0; k < count_; ++k)
-            expect(group_[k] >= 0 && std::size_t(group_[k]) < region_->groups(), "group");
+            expect(cell_[k] >= 0 && std::size_t(cell_[k]) < region_->cells(), "cell");
     }
 
     std::size_t size() const { return count_; }
-    std::size_t group(std::size_t k) const { return std::size_t(group_[k]); }
+    std::size_t cell(std::size_t k) const { return std::size_t(cell_[k]); }
     std::size_t parts() const { return eavesdroppers_ + 2; }
     int dimensions() const { return powers_ ? 3 : 2; }
 
@@ -139,11 +141,11 @@ public:
                          : v_[k * eavesdroppers_ + part - 1];
     }
 
-    // The box around the reachable set of a group and all powers.
-    Box bounding_box(std::size_t group) const {
+    // The box around a cell in the plane and, for a jammer, around the range of log p.
+    Box bounding_box(std::size_t cell) const {
         const auto [least, most] = powers_.value_or(std::pair(0.0, 0.0));
-        const double low[3] = {region_->low(group, 0), region_->low(group, 1), least};
-        const double high[3] = {region_->high(group, 0), region_->high(group, 1), most};
+        const double low[3] = {region_->low(cell, 0), region_->low(cell, 1), least};
+        const double high[3] = {region_->high(cell, 0), region_->high(cell, 1), most};
         Box box{};
         for (int i = 0; i < dimensions(); ++i) {
             box.centre[i] = (low[i] + high[i]) / 2;
@@ -154,10 +156,10 @@ public:
         return box;
     }
 
-    // Locate a box in the reachable set, and find its expansions: for the ground node, for each
-    // eavesdropper, and for the terms without a weight.
-    void expand(std::size_t group, Box& box, Expansion* parts) const {
-        region_->locate(group, box);
+    // Set the flags of a box, and fill its E + 2 expansions: of the ground node, of each
+    // eavesdropper, and of the terms without a weight.
+    void expand(std::size_t cell, Box& box, Expansion* parts) const {
+        region_->locate(cell, box);
         const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
         for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
         if (powers_) {
@@ -165,7 +167,7 @@ public:
         } else {
             expand_transmitter(box, rho, parts);
         }
-        add_potential(group, box, rho, parts[eavesdroppers_ + 1]);
+        add_potential(cell, box, rho, parts[eavesdroppers_ + 1]);
     }
 
     // The expansion of function k in a box: the sum over ground node and eavesdroppers of factor
@@ -186,22 +188,22 @@ public:
         return f;
     }
 
-    // An upper bound in a box of the function whose expansion is f. A loose bound is returned if it
-    // is at most `enough`. Otherwise the part in the plane is the least of three bounds: `plane`
-    // over the box, `whole` with the linear part bounded over the two discs, and `rim` with
-    // multiples of the discs' functions added.
-    double bound(std::size_t group, const Box& box, const Expansion& f, double enough) const {
+    // An upper bound in a box of the function whose expansion is f. The bound by `plane`, over the
+    // whole box, is returned if it is at most `enough` or if the box leaves no disc. Otherwise the
+    // part in the plane is the least of three bounds: `plane`, `whole` with the linear part bounded
+    // over the two discs, and `rim` with multiples of the discs' functions added.
+    double bound(std::size_t cell, const Box& box, const Expansion& f, double enough) const {
         const double ha = box.half[0], hb = box.half[1], width = box.half[2];
         const double base =
             f.value + f.rest + (powers_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
         double plane = max_quadratic(f.ga, f.ka, -ha, ha) + max_quadratic(f.gb, f.kb, -hb, hb);
         // A box inside both discs cannot be bounded better by the discs.
         if ((box.leaves_disc[0] || box.leaves_disc[1]) && !(base + plane <= enough)) {
-            const double whole = region_->support(f.ga, f.gb, group)
+            const double whole = region_->support(f.ga, f.gb, cell)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
                 + (positive_part(f.ka) * ha * ha + positive_part(f.kb) * hb * hb) / 2;
             double g[2] = {f.ga, f.gb}, k[2] = {f.ka, f.kb};
-            const double extra = region_->add_disc_multiplier(box, g, k, group);
+            const double extra = region_->add_disc_multiplier(box, g, k, cell);
             const double rim = extra + max_quadratic(g[0], k[0], -ha, ha)
                 + max_quadratic(g[1], k[1], -hb, hb);
             plane = std::min(plane, std::min(whole, rim));
@@ -257,8 +259,8 @@ private:
     }
 
     // Fill the expansion in a box of a jammer's -phi(z0) = -log(1 + y) of the ground node, where
-    // y = p e^log_gain / q is the SNR received, at least `least` and at most `top` in the box. The
-    // power p is `watts` in the centre of the box, and from watts / more to watts * more in it.
+    // y = p e^log_gain / q is the SNR received from `least` to `top` in the box, and q = d^2 + H^2.
+    // The power p is `watts` in the box's centre, and from watts / more to watts * more in it.
     void expand_jammed_ground(const Box& box, double rho, double watts, double more,
                               Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
@@ -272,9 +274,9 @@ private:
         f.gb = 2 * phi1 / q * db;
         f.gp = -phi1;
         const double d = std::sqrt(d2), nearest = positive_part(d - rho), farthest = d + rho;
-        const double near = nearest * nearest + square, far = farthest * farthest + square;
-        const double top = received * more / near, least = received / more / far;
-        f.ka = top / (1 + top) * 2 / near;
+        const double q_min = nearest * nearest + square, q_max = farthest * farthest + square;
+        const double top = received * more / q_min, least = received / more / q_max;
+        f.ka = top / (1 + top) * 2 / q_min;
         const double grad_max = max_gradient(nearest, farthest, links_->altitude);
         if (grad_max * rho < width) {
             const double phi2_min = std::min(softplus_curvature(top), softplus_curvature(least));
@@ -317,17 +319,17 @@ private:
     // Add to `f` the expansion of u . q + q . S q / 2 + t0 |t + T q|, and the margin for rounding.
     // u is the cell's row of `slope_`, S its row of `curvature_`, and (t0, t, T) its row of
     // `speed_cost_`. `rho` is half the diagonal of the box in the plane.
-    void add_potential(std::size_t group, const Box& box, double rho, Expansion& f) const {
+    void add_potential(std::size_t cell, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
-        const double *u = &slope_[2 * group], *s = &curvature_[3 * group];
-        const double* t = &speed_cost_[6 * group];
+        const double *u = &slope_[2 * cell], *s = &curvature_[3 * cell];
+        const double* t = &speed_cost_[6 * cell];
         const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
         f.value += u[0] * a + u[1] * b + (sa * a + sb * b) / 2;
         f.ga += u[0] + sa;
         f.gb += u[1] + sb;
         f.ka += s[0];
         f.kb += s[2];
-        f.rest += margin_[group] + std::abs(s[1]) * box.half[0] * box.half[1];
+        f.rest += margin_[cell] + std::abs(s[1]) * box.half[0] * box.half[1];
         if (t[0] == 0) return;
         const double ta = t[1] + t[3] * a + t[4] * b, tb = t[2] + t[4] * a + t[5] * b;
         const double safe = std::max(std::sqrt(ta * ta + tb * tb), 1e-150);
@@ -348,7 +350,7 @@ private:
     std::shared_ptr<const ReachableSet> region_;
     std::shared_ptr<const Links> links_;
     std::size_t count_, eavesdroppers_;
-    Array<const std::int64_t> group_;
+    Array<const std::int64_t> cell_;
     Array<const double> weight_, v_, slope_, curvature_, speed_cost_, margin_;
     double price_;
     std::optional<std::pair<double, double>> powers_;

@@ -62,10 +62,10 @@ def entropy(*weights: Array) -> Array:
 
         log(1 + sum_j exp(y_j)) = max over w >= 0, sum_j w_j <= 1 of sum_j w_j y_j + H(w),
 
-    attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)): the logarithm is concave, so w_0 log(1 /
-    w_0) + sum_j w_j log(exp(y_j) / w_j), with w_0 = 1 - sum_j w_j, is at most the logarithm of the
-    mean. For one adversary this is phi(z) = max over w of w z + H(w). For every v >= 0 with s =
-    sum_e v_e <= 1 let H(v) be the entropy of the sums w_j of v over every adversary. Then
+    attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)): the logarithm is concave, so with the rest
+    r = 1 - sum_j w_j the sum r log(1 / r) + sum_j w_j log(exp(y_j) / w_j) is at most the logarithm
+    of the mean. For one adversary this is phi(z) = max over w of w z + H(w). For every v >= 0 with
+    s = sum_e v_e <= 1 let H(v) be the entropy of the sums w_j of v over every adversary. Then
 
         log(1 + sum_j exp(y_j)) >= sum_e v_e z_e + H(v),
 
@@ -95,8 +95,8 @@ def maximise_power(weight: Array, price: float, peak: float) -> tuple[Array, Arr
     :param price: lam in nats per W, at least 0.
     :param peak: largest power [W].
     """
-    # Whatever p is returned, the value is exact for it only at the maximiser; p below 1e-300
-    # has a weight below 1e-300 * price, and the value is then 0 in this arithmetic.
+    # The logarithm needs p >= 1e-300. A smaller p has a weight below 1e-300 price, and the value
+    # is then 0 in this arithmetic.
     power = np.minimum(weight / max(price, 1e-300), peak)
     return weight * np.log(np.maximum(power, 1e-300)) - price * power, power
 
@@ -173,17 +173,17 @@ def certify(team: Team, multipliers: Multipliers,
             prices[i], multipliers.incumbents[i].ravel(), stop).reshape(weights.shape)
     pieces = bound_pieces(team, silent, joint, weights, v, prices[0])
     # B of a group is the largest bound of its cells and pieces of w0, plus rounding errors.
-    slots = np.full(len(team.groups.count), -np.inf)
-    np.maximum.at(slots, cells.group, np.maximum(silent, pieces.max((0, 1))))
-    slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
+    bounds = np.full(len(team.groups.count), -np.inf)
+    np.maximum.at(bounds, cells.group, np.maximum(silent, pieces.max((0, 1))))
+    bounds = bounds + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
     ends = sum(potential.end_cost() for potential in potentials)
     powers = [team.groups.slots * price * region.average
               for price, region in zip(prices, team.regions)]
     offset = math.fsum([ends, *powers])
-    terms = [*(team.groups.count * slots), ends, *powers]
+    terms = [*(team.groups.count * bounds), ends, *powers]
     total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
     rate = total / team.groups.slots / math.log(2.0) * (1 + 1e-14)
-    return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
+    return Certificate(rate if not math.isnan(rate) else math.inf, bounds, offset, potentials,
                        prices)
 
 
@@ -213,7 +213,7 @@ def find_power_range(team: Team, uav: int) -> tuple[float, float]:
     """
     Return the lower and the upper limit of log p of a jammer, p being its power [W].
 
-    The upper limit is the peak. At powers below the lower limit the received SNR is less than
+    The upper limit is log peak. At powers below the lower limit the received SNR is less than
     FLOOR everywhere; bound_terms covers these powers.
     """
     region, top = team.regions[uav], math.log(team.regions[uav].peak)
@@ -245,7 +245,9 @@ def bound_terms(team: Team, potential: Potential, uav: int, cells: Cells, cell: 
 def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
                  price: float) -> Array:
     """
-    Return upper bounds of B on each piece of w0, (PIECES, K, C) in nats; see lemma 4.
+    Return upper bounds of a slot's B on the pieces of w0 up to each breakpoint; see lemma 4.
+
+    They are (PIECES, K, C) in nats. The first pieces begin at w0 = 0.
 
     :param silent: bound of all UAVs' terms in silence, (C,) in nats.
     :param joint: bounds of M at the breakpoints, (K, C) in nats.

@@ -100,7 +100,7 @@ class Detours:
 
 
 def frame_axes(uav: Uav) -> Array:
-    """Return the unit axes of a UAV's frame, the first from start towards goal, (2, 2)."""
+    """Return the unit axes of a UAV's frame as rows (2, 2), the first from start to goal."""
     offset = np.subtract(uav.goal, uav.start)
     length = float(np.hypot(*offset))
     # A goal within 1e-9 m of the start, far below a Plan's tolerances, may be in any direction.
@@ -143,7 +143,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
     if _has_too_many_corners(parts) or not parts and fence is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
-    # Ends of the path, what the curve saves against the moves, and how far points are beside it.
+    # Ends of the curve, length that it may save against the moves, distance of points beside it.
     ends, saved, beside = np.array([uav.start, uav.goal]), np.full(2, SMALLER), 0.0
     if uav.max_acceleration is not None:
         before, after = (scenario.slot_duration * np.array(velocity or (0.0, 0.0))
@@ -152,7 +152,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
         saved += np.hypot(*np.transpose([before, after])) / 2 + step / 8
         beside = min(uav.max_acceleration * scenario.slot_duration**2, 2 * step) / 8 + SMALLER
     low, size = _lay_grid(uav, step * (scenario.slots + 1) + 1.0)
-    # A little larger, so that rounding puts no place outside its cell.
+    # Cells are a little larger, so that rounding puts no place outside its cell.
     cells = _outline_cells(uav, low, size, beside + 1e-6 * size)
     hull = None if fence is None else shapely.Polygon(fence).convex_hull.buffer(
         SMALLER, join_style='mitre')
@@ -173,7 +173,7 @@ def _lay_grid(uav: Uav, longest: float) -> tuple[Array, Array]:
 
 
 def _outline_cells(uav: Uav, low: Array, size: Array, wider: Array) -> Any:
-    """Return a grid's cells, (SIDE^2,), as rectangles [m] that are wider on every side."""
+    """Return a grid's cells, (SIDE^2,), as rectangles [m], on every side wider by `wider`."""
     number = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing='ij'), -1)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (2 * corners - 1) * wider
@@ -185,7 +185,7 @@ def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
 
 
 def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
-    """Return convex polygons that overlap a little and make up O at an altitude in m."""
+    """Return convex parts of O, from zones and pockets of the fence, at an altitude in m."""
     boundaries = airspace.scenario.boundaries
     # Zones are not united, because a plan may fly between two that touch.
     solids = [shapely.Polygon(vertices) for vertices, name in boundaries.keep_out(altitude)
@@ -195,6 +195,7 @@ def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
         fence = shapely.Polygon(boundaries.keep_in)
         solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
                    for pocket in pockets(boundaries.keep_in)]
+    # Solids are smaller by SMALLER; their parts are wider by SMALLER / 10, so that parts overlap.
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
         for solid in solids
@@ -222,8 +223,8 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     """
     Return lower bounds of the lengths of paths from two ends to cells, (2, C) in m.
 
-    They hold for every place of a cell and every path around the parts within the hull. They are
-    infinite for cells that no such path reaches.
+    They hold for every place of a cell and every path around the parts within the hull. A bound
+    is infinite if no such path reaches the cell.
 
     :param parts: convex polygons to go around, perhaps none.
     :param hull: a convex polygon that contains all paths, or None.
@@ -242,7 +243,7 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
     lengths = np.full((2, len(cells)), np.inf)
-    # For each corner: the cells that it sees, reached straight from the end of its path.
+    # For each end or corner: the cells that it sees, reached by its path and then straight.
     for place, path in zip(places, paths.T):
         lit = frame.difference(shapely.union_all(
             [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
@@ -255,7 +256,7 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
 
 
 def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
-    """Return what a convex polygon (K, 2) hides from a place, the polygon included."""
+    """Return what a convex polygon (K, 2) hides up to `reach` [m] from a place, and itself."""
     offset = outline - place
     length = np.hypot(*offset.T)
     distinct = length > 1e-9

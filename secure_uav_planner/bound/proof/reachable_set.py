@@ -98,7 +98,7 @@ class ReachableSet:
         places = np.concatenate([receivers, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         length = float(np.hypot(*(goal - start)))
-        axes, ends = frame_axes(uav), end_tolerance(scenario)
+        axes, miss = frame_axes(uav), end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         max_move_change, end_move_changes, end_moves = _limit_move_changes(scenario, index, step)
         moves = _find_longest_moves(
@@ -107,20 +107,20 @@ class ReachableSet:
         # factors 1 + 1e-12 cover rounding, since moves are differences of rounded coordinates.
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
-        frame = (receivers - start) @ axes.T / unit
-        ground, eavesdropper = np.log(find_reference_snrs(scenario)[:, index])
+        in_frame = (receivers - start) @ axes.T / unit
+        log_ground, log_eavesdropper = np.log(find_reference_snrs(scenario)[:, index])
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
             steps=np.maximum.reduceat(moves[1:], groups.edges[:-1]) / unit,
             max_move_change=max_move_change / unit, end_move_changes=end_move_changes / unit,
             end_moves=end_moves @ axes.T / unit,
-            from_start=(ahead[groups.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
-            to_goal=(behind[groups.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
+            from_start=(ahead[groups.last] + miss) / unit * (1 + COORDINATE_ROUNDING),
+            to_goal=(behind[groups.first] + miss) / unit * (1 + COORDINATE_ROUNDING),
             altitude=uav.altitude / unit,
-            log_gain=float(ground - 2 * np.log(unit)),
-            ground=frame[0], eavesdroppers=frame[1:],
+            log_gain=float(log_ground - 2 * np.log(unit)),
+            ground=in_frame[0], eavesdroppers=in_frame[1:],
             radii=subset.radii / unit,
-            log_advantages=np.log(subset.advantages) + (eavesdropper - ground),
+            log_advantages=np.log(subset.advantages) + (log_eavesdropper - log_ground),
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
@@ -145,20 +145,20 @@ class ReachableSet:
         Return the lower and the upper corner of a rectangle about each group's set, (G, 2) each.
 
         The set is the overlap of the disc about the start (0, 0) with radius r1 and the disc about
-        the goal (D, 0). If their circles cross between start and goal, at x = a, the set is widest
-        in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide as the smaller
-        disc. With 0 <= a <= D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        the goal (D, 0) with radius r2. If their circles cross between start and goal, at x = a,
+        the set is widest in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide
+        as the smaller disc. The radicand's error is below 16 eps (r1^2 + D^2), which is added.
         """
-        near, far, distance = self.from_start, self.to_goal, self.distance
+        r1, r2, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
         between = (crossing >= 0) & (crossing <= distance)
         crossing = np.where(between, crossing, 0.0)
         half = np.where(between, np.sqrt(
-            np.maximum((near - crossing) * (near + crossing), 0.0)
-            + 1e-14 * (near**2 + distance**2)), np.minimum(near, far))
-        slack = COORDINATE_ROUNDING * (near + far + distance)
-        low = np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1)
-        high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
+            np.maximum((r1 - crossing) * (r1 + crossing), 0.0)
+            + 1e-14 * (r1**2 + distance**2)), np.minimum(r1, r2))
+        slack = COORDINATE_ROUNDING * (r1 + r2 + distance)
+        low = np.stack([np.maximum(-r1, distance - r2) - slack, -half - slack], -1)
+        high = np.stack([np.minimum(r1, distance + r2) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
         first, end = self._find_cells_in_time()
@@ -170,7 +170,7 @@ class ReachableSet:
         Return the range of grid cells reached in time: first and one past the last, (G, 2) each.
 
         Indices are along x and along y in the SIDE x SIDE grid of the detours. A cell is in time
-        if its _time_deficit is at most 0. If a group has none, the cells of the least.
+        if its _time_deficit is at most 0 or, in a group without such a cell, the least.
         """
         late = self._time_deficit()
         in_time = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
@@ -180,7 +180,7 @@ class ReachableSet:
         return np.stack(first, -1), np.stack(end, -1)
 
     def _time_deficit(self) -> Array:
-        """Return max(path from start - from_start, path to goal - to_goal), (G, SIDE, SIDE)."""
+        """Return by how much paths to grid cells are too long (<= 0 in time), (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
@@ -188,16 +188,16 @@ class ReachableSet:
 
     def _crossing(self) -> Array:
         """
-        Return where the circles around the start and the goal cross, (G,) in units along the axis.
+        Return the x at which the circles around the start and the goal cross, (G,) in units.
 
         Their radii are `from_start` and `to_goal`. A group whose circles do not cross has NaN.
         """
-        near, far, distance = self.from_start, self.to_goal, self.distance
+        r1, r2, distance = self.from_start, self.to_goal, self.distance
         if distance < 1e-9:
-            return np.full(len(near), np.nan)
-        # x of x^2 + y^2 = near^2 and (x - distance)^2 + y^2 = far^2.
-        x = (distance + (near - far) * (near + far) / distance) / 2
-        return np.where(np.abs(x) < near, x, np.nan)
+            return np.full(len(r1), np.nan)
+        # x of x^2 + y^2 = r1^2 and (x - distance)^2 + y^2 = r2^2.
+        x = (distance + (r1 - r2) * (r1 + r2) / distance) / 2
+        return np.where(np.abs(x) < r1, x, np.nan)
 
     @cached_property
     def corner(self) -> Array:
@@ -216,7 +216,7 @@ class ReachableSet:
         return np.where(crosses[:, None], np.stack([x, y], -1), 0.0)
 
     def contains(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) in the reachable set of their group (...)."""
+        """Return True for places (..., 2) in both discs of their group (...) and in time."""
         across = place[..., 1]**2
         return np.asarray(
             (place[..., 0]**2 + across <= self.from_start[group]**2)
@@ -224,7 +224,7 @@ class ReachableSet:
             & self._is_in_time(place, group))
 
     def _is_in_time(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) in a cell of the detours' grid reached in time."""
+        """Return True for places (..., 2) in a grid cell reached in time, or without detours."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
         there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
@@ -242,8 +242,9 @@ class ReachableSet:
         """
         Return places (..., 2) moved into the reachable set of their group (...), approximately.
 
-        A place is scaled towards the start into the first disc, then towards the goal into the
-        second. With detours, a place not reached in time moves to the closest cell that is.
+        A place moves straight towards the start into its disc, then towards the goal into that
+        disc, which may leave the first. With detours, a place that is then not in time moves to
+        the centre of the closest grid cell reached in time.
         """
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
@@ -261,7 +262,8 @@ class ReachableSet:
         """
         Return the reachable set's farthest places in K directions, (G, K, 2) in units.
 
-        With detours they are moved to the closest allowed cell.
+        A place is the farthest one of either disc if the other disc contains it. Otherwise it is
+        a crossing of the circles. With detours it moves to the closest cell reached in time.
 
         :param direction: (G, K, 2), or (1, K, 2) for the same directions in all groups.
         """
@@ -272,18 +274,18 @@ class ReachableSet:
         at_goal = goal + self.to_goal[:, None, None] * unit
         corner = self.corner[:, None] * np.stack(
             [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
-        near_goal = ((at_start - goal)**2).sum(-1) <= self.to_goal[:, None]**2
-        near_start = (at_goal**2).sum(-1) <= self.from_start[:, None]**2
-        return self.clip(np.where(near_goal[..., None], at_start, np.where(
-            near_start[..., None], at_goal, corner)), np.arange(len(at_start))[:, None])
+        in_goal_disc = ((at_start - goal)**2).sum(-1) <= self.to_goal[:, None]**2
+        in_start_disc = (at_goal**2).sum(-1) <= self.from_start[:, None]**2
+        return self.clip(np.where(in_goal_disc[..., None], at_start, np.where(
+            in_start_disc[..., None], at_goal, corner)), np.arange(len(at_start))[:, None])
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """
         Return log(d0^2 + H^2), (...), and log((de^2 + H^2) / a_e), (..., E), at places (..., 2).
 
         a_e is the eavesdropper's advantage. Subtracted from log_gain, each value gives the
-        logarithm of a gain. d0 is the distance to the ground node. de is the distance to the
-        eavesdropper's disc that the guarantee uses: the least for the transmitter, the largest
+        logarithm of a gain. d0 is the distance to the ground node. de is the distance from the
+        eavesdropper's disc in problem (P2): the least one for the transmitter, the largest one
         for a jammer.
         """
         square = self.altitude**2
@@ -295,7 +297,11 @@ class ReachableSet:
 
 
 def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
-    """Return max_move_change, end_move_changes and end_moves of ReachableSet, in m here."""
+    """
+    Return a move's largest change, this change at both ends (2,), and the moves beyond the ends.
+
+    These are A, A_0 and A_{N+1}, d_{-1} and d_{N+1} (2, 2) of lemma 8, in m. `step`: largest move.
+    """
     uav = scenario.uavs[index]
     if uav.max_acceleration is None:
         return 2 * step, np.array([step, step]), np.zeros((2, 2))
@@ -310,7 +316,7 @@ def _find_longest_moves(slots: int, step: float, max_move_change: float, end_mov
     """
     Return the largest length of each move d_0..d_N, (N + 1,) in m; lemma 8.
 
-    It is the least of the step, |d_{-1}| + A_0 + n A, and the same from the goal backwards.
+    |d_n| is at most the step, |d_{-1}| + A_0 + n A, and |d_{N+1}| + A_{N+1} + (N - n) A.
     """
     ramps = (np.hypot(*end_moves.T)[:, None] + end_move_changes[:, None]
              + np.arange(slots + 1) * max_move_change)
@@ -342,7 +348,7 @@ class Cells:
         return Cells(self.group[part], self.low[part], self.high[part])
 
     def quarter(self, chosen: NDArray[np.int64]) -> Cells:
-        """Return all cells, with the chosen ones, by their indices (D,), divided into four."""
+        """Return C + 3 D cells: D chosen cells out of C are divided at their middles into four."""
         middle = (self.low + self.high)[chosen] / 2
         cells = self.cut(chosen, np.zeros_like(chosen), middle[:, 0])
         return cells.cut(np.append(chosen, np.arange(len(self.group), len(cells.group))),
@@ -404,12 +410,12 @@ class Team:
     def of(cls, scenario: Scenario, subset: EavesdropperSubset,
            detours: tuple[Detours | None, ...], most: int = MOST_GROUPS) -> Team:
         """
-        Return the team of a scenario.
+        Return the team of a scenario; if eavesdroppers collude, each disc is an adversary.
 
         :param scenario: the mission.
         :param subset: places that represent the eavesdroppers.
         :param detours: detours of each UAV in m, see DetourSearch.
-        :param most: largest number of groups.
+        :param most: largest number of groups of slots.
         """
         groups = SlotGroups.of(scenario.slots, most)
         regions = tuple(ReachableSet.of(scenario, i, groups, subset, around)

@@ -85,9 +85,10 @@ class SlotGroups:
     @property
     def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """
-        Mean weights of the edges before and after a group, (G,) each.
+        Mean weights of the edges before and after a group of n slots, (G,) each.
 
-        Multipliers inside a group are interpolated linearly between these edges.
+        Multipliers are interpolated linearly between the edges: slot k = 1..n has the weights
+        1 - k / n and k / n. Their means are (n - 1) / (2 n) and (n + 1) / (2 n).
         """
         count = self.count.astype(float)
         return (count - 1) / (2 * count), (count + 1) / (2 * count)
@@ -143,7 +144,7 @@ class EavesdropperSubset:
 
     def compute_sinrs(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
-        Return the SINR at every place by the guarantee's formula, (E, N).
+        Return upper bounds of the SINR in every disc by the formula of problem (P2), (E, N).
 
         :param positions: positions of a plan, (U, N + 2, 2) in m.
         :param powers: powers of the plan, (U, N) in W.
@@ -154,11 +155,11 @@ class EavesdropperSubset:
 
     def select_loudest(self, sinrs: Array, most: int, colluding: bool) -> EavesdropperSubset:
         """
-        Return at most `most` places, the loudest first, one in every disc before a second in any.
+        Return at most `most` of these places, in the same order as here.
 
-        The first is the place with the largest leak over all slots. Each further place raises the
-        total leak most. Every disc gets a place before any gets two, because a plan may leak
-        little into a disc only because its jammer is there.
+        They are chosen one after the other. Each raises the plan's leak, summed over the slots,
+        most. Every disc gets a place before any gets two, because a plan may leak little into a
+        disc only because its jammer is there.
 
         :param sinrs: SINRs of a plan at all places, (E, N).
         :param colluding: True if the SINRs of eavesdroppers add up.
@@ -194,12 +195,12 @@ def end_tolerance(scenario: Scenario) -> float:
 
 def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     """
-    Return a bound of the rounding error of a sum of logarithms and potentials [nats].
+    Return 64 eps (200 + 10 / H + size), a bound of a sum's rounding error, (...) in nats.
 
-    The head of this module derives 200 and 10 / H.
+    The sum is of logarithms and potentials. The head of this module derives 200 and 10 / H.
 
     :param altitude: altitude H of the UAV, in units.
-    :param size: size of the potentials' terms [nats].
+    :param size: size of the potentials' terms, (...) in nats.
     """
     return np.asarray(EPSILON * (200.0 + 10.0 / altitude + size))
 

@@ -103,7 +103,7 @@ class Potential:
         return bool(self.curvature.any())
 
     def curvature_cost(self) -> Array:
-        """Return step^2 / 2 max(0, the largest eigenvalue of S) at every edge, (G + 1,)."""
+        """Return step^2 / 2 max(0, largest eigenvalue of S) at every edge, (G + 1,) in nats."""
         s11, s12, s22 = self.curvature.T
         largest = (s11 + s22) / 2 + np.hypot((s11 - s22) / 2, s12)
         steps = np.append(self.region.step, self.region.steps)
@@ -153,18 +153,18 @@ class Potential:
         max(A_{N+1} - A, 0) |w| - w . d_{N+1}.
         """
         region = self.region
-        miss = 2e-6 / region.unit + 1e-12
+        miss = 2e-6 / region.unit + 1e-12  # Above sqrt(2) POSITION_TOLERANCE, in units.
         goal = region.distance
         first, last = self.slope[0], self.slope[-1]
         size0, size1 = np.abs(self.curvature[0]).sum(), np.abs(self.curvature[-1]).sum()
-        push, pull = first + self.acceleration[0], self.acceleration[-1]
+        g, w_goal = first + self.acceleration[0], self.acceleration[-1]  # g = u_0 + w_1.
         limits = region.end_move_changes
         start = float(self.curvature_cost()[0]
                       + region.max_move_change * np.hypot(*self.acceleration[0])
-                      + min(region.step * np.hypot(*push),
-                            limits[0] * np.hypot(*push) + region.end_moves[0] @ push)
-                      + max(limits[1] - region.max_move_change, 0.0) * np.hypot(*pull)
-                      - region.end_moves[1] @ pull)
+                      + min(region.step * np.hypot(*g),
+                            limits[0] * np.hypot(*g) + region.end_moves[0] @ g)
+                      + max(limits[1] - region.max_move_change, 0.0) * np.hypot(*w_goal)
+                      - region.end_moves[1] @ w_goal)
         at_goal = last[0] * goal + self.curvature[-1, 0] * goal**2 / 2
         # A miss of the start changes T_0 + W_0 by at most (|grad W_0| + |S| step) times the miss.
         # A miss of the goal changes W_N by at most |grad W_N| times the miss.
@@ -174,8 +174,8 @@ class Potential:
                      + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
     def magnitude(self) -> Array:
-        """Return (|u| + 2 |w| + |S| (reach + step)) (reach + step) + |constant|, (G,) in nats."""
-        region = self.region
+        """Return an upper bound of the size of the potential's terms in a group, (G,) in nats."""
+        region = self.region  # `reach` is the distance of the farthest place from the start.
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
         slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)
         curvature = np.abs(self.curvature).sum(1)
@@ -214,9 +214,9 @@ class Terms:
         """
         Return upper bounds of the functions' maxima, (M,) in nats.
 
-        A box is dropped if it misses one of the reachable set's discs, or if its bound is below
-        the incumbent plus TOLERANCE. When all boxes are dropped, the maximum is at most incumbent
-        + TOLERANCE.
+        A box is dropped if it misses the reachable set, or if its bound is at most the incumbent
+        plus TOLERANCE. Larger values that are found replace the incumbent. The maximum over all
+        dropped boxes is at most the last incumbent plus TOLERANCE.
 
         :param incumbents: guesses of the maxima, (M,). Any values give a bound; values near the
             maxima give a tight one.

@@ -86,7 +86,7 @@ class ArrowSystem:
 
         With c = damping * sharpness of a group, c |x_after - x_before|^2 / 2 is added for the
         potentials x at its edges, and c |x|^2 / 2 at the first and the last edge. The diagonal of
-        v is multiplied by 1 + damping.
+        v is multiplied by 1 + damping. 1e-12 is added to this diagonal, 1e-9 to the edges' ones.
         """
         before, v, after, _ = self.layout
         identity = np.eye(self.edge_gradient.shape[1])
@@ -143,12 +143,12 @@ class ArrowSystem:
         Return the step of the prices, (U,), by the Schur complement of the band.
 
         With the Hessian [[H, C], [C', D]] and the gradient [h, d] it is minus the inverse of
-        D - C' H^-1 C times d - C' H^-1 h.
+        D - C' H^-1 C, with its diagonal raised, times d - C' H^-1 h.
 
         :param groups: damped Hessians of the groups' terms, (G, F, F).
         :param border: right sides by _assemble_border; the last column is the gradient.
         :param answer: inverse of the band times the border.
-        :param damping: fraction by which the diagonal is raised.
+        :param damping: fraction by which this diagonal is raised.
         """
         own, mixed = self.layout.prices, border[:, :-1]
         complement = np.diag(self.price_curvature) + groups[:, own, own].sum(0) - (

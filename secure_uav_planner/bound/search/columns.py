@@ -74,7 +74,12 @@ class Columns:
 
     @classmethod
     def of(cls, region: ReachableSet, place: Array, power: Array) -> Columns:
-        """Return the columns of given places and powers."""
+        """
+        Return the columns of places (G, C, 2) and powers (G, C) in W.
+
+        For the transmitter `ground` is a log gain, and `leaks` are minus log gains. For a jammer
+        they are -log(1 + SNR) and log(1 + SNR) of its power.
+        """
         ground, leaks = region.log_squares(place)
         if region.transmits:
             return cls(place, power, region.log_gain - ground, leaks - region.log_gain)
@@ -143,9 +148,9 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     fraction = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
     x = low[:, :1] + (high - low)[:, :1] * fraction
     # |y| <= half, (G, along), in the discs about start and goal at x.
-    near, far = region.from_start[:, None], region.to_goal[:, None]
+    r1, r2 = region.from_start[:, None], region.to_goal[:, None]
     half = np.sqrt(np.maximum(np.minimum(
-        (near - x) * (near + x), far**2 - (x - region.distance)**2), 0.0))
+        (r1 - x) * (r1 + x), r2**2 - (x - region.distance)**2), 0.0))
     bottom, top = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
     y = bottom[..., None] + (top - bottom)[..., None] * np.linspace(0, 1, across)
     place = np.stack([np.repeat(x, across, 1), y.reshape(len(x), -1)], -1)
@@ -177,6 +182,7 @@ class ColumnPool:
     """
 
     def __init__(self, region: ReachableSet, places: Array, powers: Array) -> None:
+        """Lay the fixed columns: `_table` with all powers, `_base` and silent places."""
         self.region, count = region, len(places)
         # The places of the reachable set nearest to the receivers are candidates as well.
         receivers = np.concatenate([region.ground[None], region.eavesdroppers])
@@ -206,7 +212,7 @@ class ColumnPool:
     @staticmethod
     def join(pools: list[ColumnPool]) -> Columns:
         """
-        Return the columns by which v is chosen: of all kept rounds and of the whole grid.
+        Return the columns by which v is chosen: fixed, of all kept rounds, and exact ones.
 
         :param pools: pools of one UAV, which have the fixed columns in common.
         """
@@ -239,14 +245,14 @@ class ColumnPool:
 
     def add_round(self, evaluate: Callable[[Columns], Array]) -> None:
         """
-        Begin a new round: keep the KEPT best columns of the pool, and FRESH improved ones.
+        Add a round: the pool's KEPT best columns and its latest OLD + FRESH improved columns.
 
         The pool is the table of fixed places and powers, silent places, and improved columns. A
-        compass search improves the best columns at distinct places.
+        compass search improves FRESH of the best columns. Only RECENT rounds are kept.
 
         :param evaluate: returns the values of columns, (G, C) in nats, at the search's w0 and v.
         """
-        # A UAV may best be silent in a slot in which the other UAV sends.
+        # A jammer may best be silent in a slot in which the transmitter sends.
         places = self._silent_places
         silent = Columns.of(self.region, places, np.zeros(places.shape[:2]))
         pool = Columns.concatenate([self._table, silent, *self._improved])
@@ -259,7 +265,7 @@ class ColumnPool:
     def _add_improved(self, pool: Columns, value: Array,
                       evaluate: Callable[[Columns], Array]) -> None:
         """
-        Improve the FRESH best columns at distinct places; keep OLD + FRESH improved columns.
+        Improve the FRESH best columns at distinct places; keep the latest OLD + FRESH improved.
 
         :param pool: the table's columns, then others.
         :param value: values of the pool's columns, (G, C) in nats.
@@ -295,7 +301,8 @@ class ColumnPool:
         """
         Add the best silent places for the present multipliers, and drop the oldest added ones.
 
-        :param slope: slope of a linear potential, (G, 2), whose best place has a formula; or None.
+        :param slope: slope of a linear potential's change in each group, (G, 2), for which the
+            best place is the farthest one; None for quadratic potentials.
         :param evaluate: returns the values of silent columns, (G, C) in nats.
         """
         region, place = self.region, self._silent_places
@@ -313,8 +320,8 @@ class ColumnPool:
         """
         Return the columns that a compass search reaches from the columns `start`, (G, C).
 
-        A round tries for each column M moves of the place and, for a jammer, of the log power in
-        both directions. If no move is better, the moves get shorter.
+        Each of 8 rounds tries for each column moves of the place and, for a jammer, of the log
+        power in both directions, and takes the best. If none is better, the moves are shortened.
         """
         region = self.region
         groups, columns = start.power.shape
@@ -322,7 +329,7 @@ class ColumnPool:
         step = np.repeat(((high - low).max(1) / 12)[:, None], columns, 1)
         log_step = np.full((groups, columns), 0.4)
         place, power = start.place, start.power
-        # Moves of x, y and log power, (M, 3); the first is to stay.
+        # M = 5 or 7 moves of x, y and log power, (M, 3); the first is to stay.
         moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0],
                           [0, 0, 1], [0, 0, -1]][:5 if region.transmits else 7], float)
         for _ in range(8):
@@ -340,7 +347,7 @@ class ColumnPool:
         """
         Return places (G, C, 2) plus steps (G, C) times moves (M, 2), (G, C, M, 2).
 
-        A place that would leave its reachable set stays.
+        A moved place is clipped to its reachable set; if it is still outside, the place stays.
         """
         region, group = self.region, np.arange(len(place))[:, None, None]
         moved = region.clip(place[:, :, None] + step[..., None, None] * moves, group)
@@ -372,7 +379,7 @@ def _select_distinct(region: ReachableSet, pool: Columns, value: Array) -> NDArr
 def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
                  v: Array, tau: float = 1e-9) -> dict[str, Any]:
     """
-    Return the kernel's arguments: columns of a UAV, its potential, w0 and v.
+    Return the kernel's arguments by name: columns of a UAV, its potential and price, w0 and v.
 
     :param weight: w0, (G,).
     :param v: eavesdropper multipliers, (G, E).

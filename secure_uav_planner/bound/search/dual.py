@@ -111,10 +111,10 @@ class Dual:
         self.average = np.array([region.average for region in team.regions])
         # The weight of each edge: a number of slots, and one more at the start.
         before, after = team.groups.means
-        self.edge = np.zeros(len(self.count) + 1)
-        self.edge[:-1] += self.count * before
-        self.edge[1:] += self.count * after
-        self.edge[0] += 1
+        self.edge_weights = np.zeros(len(self.count) + 1)
+        self.edge_weights[:-1] += self.count * before
+        self.edge_weights[1:] += self.count * after
+        self.edge_weights[0] += 1
 
     def slack(self, v: Array) -> Array:
         """Return the slack w0 - sum of v, (G, B)."""
@@ -125,7 +125,7 @@ class Dual:
         return self._add_up(point, self._find_branches(point).value, self._find_edges(point))
 
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
-        """Return the dual function with its gradient and its Hessian."""
+        """Return the dual function [nats], and its gradient and Hessian as an ArrowSystem."""
         branches = self._find_branches(point, differentiate=True)
         gradient, hessian = self._differentiate_groups(branches)
         self._add_v_barriers(point, gradient, hessian)
@@ -144,7 +144,8 @@ class Dual:
         Return the dual function [nats], N times an estimate of the bound.
 
         With n slots in a group it is the sum over groups of n tau log sum exp(branch / tau), plus
-        N lam . (average powers), plus the edges' terms, minus the weighted logs of v, slack, lam.
+        N lam . (average powers), plus the edges' terms, minus n times the weighted logs of v and
+        slack, minus N times the weighted log of lam.
 
         :param branches: value of every branch, (B + 1, G) in nats.
         """
@@ -176,7 +177,7 @@ class Dual:
         return slice(first + cell * size, first + (cell + 1) * size)
 
     def _find_edges(self, point: DualPoint) -> EdgeTerms:
-        """Return the terms of speed, acceleration and curvature at the edges and both ends."""
+        """Return the edges' terms: first move, acceleration, -W_N(goal), eigenvalues of S."""
         layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
         for uav, region in enumerate(self.team.regions):
             self._add_first_move(terms, uav, layout)
@@ -188,7 +189,7 @@ class Dual:
             if layout.quadratic:
                 terms.add_eigenvalues(
                     uav, layout.curvature,
-                    np.append(region.step, region.steps)**2 / 2 * self.edge)
+                    np.append(region.step, region.steps)**2 / 2 * self.edge_weights)
         return terms
 
     def _add_first_move(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
@@ -197,7 +198,7 @@ class Dual:
 
         It is step |g|; if A_0 < step, with a velocity given at the start, A_0 |g| + g . d_{-1}.
         """
-        region, at_start = self.team.regions[uav], np.eye(len(self.edge))[0]
+        region, at_start = self.team.regions[uav], np.eye(len(self.edge_weights))[0]
         parts = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
         limit = region.end_move_changes[0]
         if not layout.accelerates or limit >= region.step:
@@ -211,14 +212,15 @@ class Dual:
         """
         Add the terms of a limit A of acceleration, with the potential w; see lemma 8.
 
-        An edge has A |w| times its weight. The goal has (A_{N+1} - A)+ |w| - w . d_{N+1} in
-        addition, where d_{N+1} is the move after the goal.
+        An edge has A |w| times its weight. The last edge has max(A_{N+1} - A, 0) |w| - w . d_{N+1}
+        in addition, where d_{N+1} is the move after the goal.
         """
-        region, at_goal = self.team.regions[uav], np.eye(len(self.edge))[-1]
+        region, at_goal = self.team.regions[uav], np.eye(len(self.edge_weights))[-1]
         terms.add_linear(-1, uav, layout.acceleration, -region.end_moves[1])
         excess = max(region.end_move_changes[1] - region.max_move_change, 0.0)
-        terms.add_lengths(uav, [layout.acceleration],
-                          region.max_move_change * self.edge + excess * at_goal, region.step)
+        terms.add_lengths(
+            uav, [layout.acceleration],
+            region.max_move_change * self.edge_weights + excess * at_goal, region.step)
 
     def _differentiate_groups(self, branches: BranchTerms) -> tuple[Array, Array]:
         """
@@ -361,7 +363,7 @@ def _smooth_largest_eigenvalue(curvature: Array) -> tuple[Array, Array, Array]:
     """
     Return max(0, largest eigenvalue of S), smoothed, with gradient and Hessian by S.
 
-    With the smoothing width d, h = (S_11 - S_22) / 2 and r = sqrt(h^2 + S_12^2 + d^2), the
+    With d = SMOOTHING, h = (S_11 - S_22) / 2 and r = sqrt(h^2 + S_12^2 + d^2), the
     largest eigenvalue is smoothed to l = (S_11 + S_22) / 2 + r, and max(0, l) to
     (l + sqrt(l^2 + d^2)) / 2.
 

@@ -105,7 +105,7 @@ class MultiplierSearch:
         Take the multipliers of a search on longer groups, with linear potentials.
 
         Potentials are interpolated between edges. Each v is scaled so that the slack w0 - s, which
-        may be tiny, stays the same.
+        may be tiny, stays the same while s is at least 0.02 and below w0.
         """
         point, old, new = coarse.point, coarse.team.groups, self.team.groups
         numbers = point.potentials.reshape(len(old.edges), -1)
@@ -125,8 +125,8 @@ class MultiplierSearch:
         """
         Return the values of a UAV's columns with the present multipliers, (G, C) in nats.
 
-        :param weight: w0, (G,); by default 0, the branch of silence.
-        :param v: eavesdropper multipliers, (G, E); by default 0, the branch of silence.
+        :param weight: w0, (G,); without it or without v both are 0, as in the branch of silence.
+        :param v: eavesdropper multipliers, (G, E).
         """
         if weight is None or v is None:
             weight, v = np.zeros(len(columns.ground)), np.zeros(columns.leaks.shape[::2])
@@ -135,15 +135,15 @@ class MultiplierSearch:
             pack_columns(self.team, uav, self.point, columns, weight, v), values)
         return values
 
-    def dual(self, tau: float) -> Dual:
-        """Add a round of columns, and return the dual function on the best columns."""
+    def build_dual(self, tau: float) -> Dual:
+        """Add a round of columns, and return the dual function on the pools' latest columns."""
         self._add_round()
         columns = [[self._restrict(cell, uav, pool.latest) for uav, pool in enumerate(pools)]
                    for cell, pools in enumerate(self.pools)]
         return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
 
     def _add_round(self) -> None:
-        """Add to every pool the best columns and silent places for the present multipliers."""
+        """Add a round to every pool, and the best silent places to the pools of the first cell."""
         for cell, pools in enumerate(self.pools):
             for uav, pool in enumerate(pools):
                 pool.add_round(partial(self._evaluate_in_cell, cell, uav))
@@ -177,7 +177,8 @@ class MultiplierSearch:
         A function is the value of the UAV's columns at one w0 and v, over one cell. If no column
         is better than the function's incumbent, its column is worth -WORTHLESS.
 
-        :param cells: C cells of the last UAV; function m is over cell m modulo C.
+        :param cells: C cells of the last UAV; function m is over cell m modulo C, or for another
+            UAV over the reachable set of this cell's group.
         :param weight: w0 of the functions, (M,).
         :param v: eavesdropper multipliers of the functions, (M, E).
         :param incumbents: largest values of known columns, (M,) in nats.
@@ -207,14 +208,15 @@ class MultiplierSearch:
 
     def cut_cells(self, tau: float) -> None:
         """
-        Cut the cell with the largest value in every group in two, amid its best columns.
+        Add a round of columns; cut the cell with the largest value in every group in two.
 
-        The columns' places have the shares exp(value / tau). The cut is at their mean, across the
-        axis along which their variance is larger. Each part begins with the cell's v and columns.
+        The last UAV's columns have the shares exp(value / tau). The cut is at the mean of their
+        places, across the axis along which the variance is larger. Each part begins with the
+        cell's v and columns.
 
         :param tau: temperature [nats] of the shares.
         """
-        dual, group = self.dual(tau), np.arange(len(self.weight))
+        dual, group = self.build_dual(tau), np.arange(len(self.weight))
         last = len(self.team.regions) - 1
         worst = dual.find_worst_cell(self.point)
         columns = Columns.choose([parts[last] for parts in dual.columns], worst)
@@ -241,8 +243,8 @@ class MultiplierSearch:
                          self.team.regions[uav])
 
     def minimise(self, tau: float, iterations: int) -> None:
-        """Take at most `iterations` Newton steps at a temperature `tau` [nats] on new columns."""
-        dual = self.dual(tau)
+        """Add a round of columns, then take at most `iterations` Newton steps at `tau` [nats]."""
+        dual = self.build_dual(tau)
         for _ in range(iterations):
             self.raise_if_over()
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
@@ -250,11 +252,11 @@ class MultiplierSearch:
 
     def _descend(self, dual: Dual) -> float:
         """
-        Take a damped Newton step; return the dual function's slope along it (<= 0), 0 without it.
+        Take a damped Newton step; return the dual's slope along it (<= 0), or 0 if none lowers it.
 
         A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
-        0.3 and 0.1 are tried, then ten times the damping, see ArrowSystem.solve, up to
-        MAX_DAMPING. The next step begins with the accepted damping.
+        0.3 and 0.1 are tried, then ten times the damping of ArrowSystem.solve, up to MAX_DAMPING.
+        The next step begins with the accepted damping, times 0.1 after length 1.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -304,9 +306,10 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     """
     Return w0 (G,), v (G, E) and prices (U,) that a plan suggests.
 
-    w0 = phi'(z0) and the sum of v are the values of lemma 1 at the places and powers of the plan.
-    v_e is in proportion to (adversary's largest SINR) (SINR_e^k / sum of SINR^k over the
-    adversary's places), with k = SHARPNESS; see _find_place_shares.
+    At the places and powers of the plan, w0 = phi'(z0), at least 0.3. The transmitter's price is
+    the median over groups of (phi'(z0) - phi'(y)) / power, with y the log SINR of all adversaries.
+    The sum of v is the smaller one of phi'(y) and w0 - price power, at least LEAST_LEAK.
+    v_e is in proportion to the weight of place e by _find_place_shares, larger for louder places.
     Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
     above the plan instead of 0.1%.
 
@@ -337,7 +340,8 @@ def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
     Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
 
-    The shares of a group add up to 1. suggest_multipliers states how they depend on the SINRs.
+    A share is in proportion to (adversary's largest SINR) (SINR^k / sum of SINR^k over the
+    adversary's places), with k = SHARPNESS. The shares of a group add up to 1.
 
     :param ze: log SINR at the places, (G, E).
     :param largest: largest log SINR of each adversary, (G, number of adversaries).
@@ -355,7 +359,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
     Return the multipliers of the certificate, with cells and breakpoints of w0.
 
     The potentials and prices are the search's. v is chosen anew for each of K breakpoints in each
-    of C cells: first on all columns of the search, then on better columns of branch and bound.
+    of C cells on all columns of the search; a thorough search adds better columns.
     """
     groups, candidates = len(search.weight), map(list, zip(*search.pools))
     bounds = SlotBounds(

@@ -39,11 +39,7 @@ class SlotBounds:
 
     def __init__(self, team: Team, columns: list[tuple[Columns, Array]], price: float,
                  raise_if_over: DeadlineCheck = lambda: None) -> None:
-        """
-        Begin with the columns of each UAV, a place and a power each, and their values (G, C).
-
-        `price` is the transmitter's multiplier lam of its average power [nats per W].
-        """
+        """Begin with each UAV's columns and their values (G, C) without w0 and v; price is lam."""
         self._team, self._price, self._raise_if_over = team, price, raise_if_over
         self._columns = [_arrange(*part) for part in columns]
         # Index of the adversary to which each place belongs, (E,).
@@ -58,7 +54,7 @@ class SlotBounds:
 
     def minimise(self, weights: Array, cells: Cells, ratio: Array) -> tuple[Array, Array, Array]:
         """
-        Minimise over v, approximately, the bound at each of K w0 in each cell.
+        Minimise over v, approximately, a slot's bound at each of K w0 in each cell.
 
         :param weights: w0, (K, C), with K values for each cell.
         :param cells: C cells of the last UAV; each belongs to one group of slots.
@@ -81,7 +77,10 @@ class SlotBounds:
 
     def divide(self, cells: Cells, weight: Array, ratio: Array) -> tuple[Cells, Array]:
         """
-        Divide cells into four where this lowers the bound of a slot by more than LEAST_GAIN.
+        Divide cells into four where this can lower a slot's bound by more than LEAST_GAIN.
+
+        A slot's bound is the largest one of its cells. A cell is divided if its own bound exceeds
+        the slot's bound with all cells divided by more than LEAST_GAIN.
 
         :param cells: C cells of the last UAV.
         :param weight: w0 at which bounds are compared, (G,).
@@ -92,7 +91,6 @@ class SlotBounds:
         quarters, parent = cells.quarter(every), np.tile(every, 4)
         _, _, before = self.minimise(weight[None, cells.group], cells, ratio)
         _, _, after = self.minimise(weight[None, quarters.group], quarters, ratio[parent])
-        # The bound of a slot is the largest one of its group's cells.
         slot_bounds = np.full(len(weight), -np.inf)
         np.maximum.at(slot_bounds, quarters.group, after[0])
         chosen = np.flatnonzero(before[0] - slot_bounds[cells.group] > LEAST_GAIN)

@@ -111,10 +111,10 @@ class DualPoint:
 
     def shorten(self, point: DualPoint, slack: Array) -> DualPoint:
         """
-        Return this step, shortened so that v, slack and prices stay positive.
+        Return this step with v and prices shortened, so that v, slack and prices stay positive.
 
-        A step ends at 0.9 of the way to the first 0: the v of each cell have a length of their
-        own, and so has each price.
+        The v of a cell in a group have one scale: at most 1, and 0.9 of the way to the first 0 of
+        a v or of the slack. Each price has a scale of its own. Potentials keep their whole step.
 
         :param slack: w0 minus the sum of v at the point, (G, B).
         """

@@ -231,7 +231,7 @@ class Detours:
         """
 
 class ReachableSet:
-    """The geometry of a `bound.proof.reachable_set.ReachableSet`, which has the shapes."""
+    """The geometry of a `bound.proof.reachable_set.ReachableSet`, by cell, not by group."""
 
     def __init__(self, distance: float, from_start: Array, to_goal: Array, corner: Array,
                  low: Array, high: Array, detours: Detours | None) -> None: ...
@@ -245,14 +245,14 @@ class Links:
 class Terms:
     """The functions of a UAV that `bound.proof.terms.Terms` describes, with their shapes."""
 
-    def __init__(self, region: ReachableSet, links: Links, group: Indices, weight: Array,
+    def __init__(self, region: ReachableSet, links: Links, cell: Indices, weight: Array,
                  v: Array, slope: Array, curvature: Array, speed_cost: Array, margin: Array,
                  price: float, powers: tuple[float, float] | None) -> None: ...
 
     def bound_maxima(self, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
                      budget: float, maximisers: Array) -> None:
         """
-        Bound the maxima of functions of a slot group by branch and bound.
+        Bound the maxima of functions over one cell by branch and bound.
 
         :param functions: indices of the functions to bound.
         :param bounds: an incumbent for each of all functions. The bounds of `functions` replace
