@@ -83,7 +83,7 @@ class Curve:
         self._slow = _STANDING * scenario.max_speeds[:, None]
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return the motion at times (K,) in s from point 0; it rests before begin, after end."""
+        """Return the motion at times (K,) in s from point 0; UAVs rest before begin, after end."""
         nodes = np.asarray(times, float) / self._step
         evaluate = self._evaluate_spline if self._smooth else self._evaluate_polyline
         position, velocity, acceleration = evaluate(nodes)
@@ -98,14 +98,22 @@ class Curve:
 
     @property
     def slot_velocities(self) -> tuple[Array, Array]:
-        """Velocities at the beginning and the end of each slot of the curve, (U, M, 2) in m/s."""
+        """
+        Velocities at the beginning and the end of each slot of the curve, (U, M, 2) in m/s.
+
+        With a limit of acceleration M = N + 2. Otherwise M = N + 1, and both velocities are equal.
+        """
         velocities = self._moves / self._step
         if self._smooth:
             return velocities[:, :-1], velocities[:, 1:]
         return velocities[:, 1:-1], velocities[:, 1:-1]
 
     def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the polyline, in m and slots."""
+        """
+        Return position [m], velocity [m/slot] and acceleration, 0, of the polyline, (U, K, 2).
+
+        :param nodes: times in slots from point 0, (K,). The velocity is 0 outside 0..N+1.
+        """
         inside = np.clip(nodes, 0, self._last)
         node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
         share = np.where(node < self._last, inside - node, 0.0)[:, None]
@@ -114,7 +122,12 @@ class Curve:
         return self._points[:, node] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the B-spline, in m and slots."""
+        """
+        Return position [m], velocity [m/slot], acceleration [m/slot^2] of the B-spline, (U, K, 2).
+
+        :param nodes: times in slots from point 0, (K,). Velocity and acceleration are 0 before
+            begin and after end.
+        """
         inside = np.clip(nodes, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == nodes)[:, None]
@@ -123,8 +136,9 @@ class Curve:
 
 def add_end_moves(moves: Array, ends: Array) -> Array:
     """
-    Return moves w[-1], w[0], ..., w[M] of flights with moves w[0], ..., w[M-1], (U, M, 2).
+    Return the moves w[-1], w[0], ..., w[M] of flights, (U, M+2, 2).
 
+    :param moves: w[0], ..., w[M-1], (U, M, 2).
     :param ends: w[-1] and w[M], (2, U, 2); NaN repeats the neighbouring move.
     """
     ends = np.where(np.isnan(ends), np.swapaxes(moves[:, [0, -1]], 0, 1), ends)
@@ -154,7 +168,8 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
     """
     Return each node's mean rate in continuous time over each of M slots, (G, M) in bit/s/Hz.
 
-    Slot i lasts from point i + 1 to point i + 2; `place` is in -1/2..1/2 from its middle.
+    Slot i lasts from point i + 1 to point i + 2. Rates at three times of the slot are averaged,
+    `place` slots from the middle, by Gauss-Legendre quadrature.
 
     :param find_rates: rates of the nodes, such as channel.guaranteed_node_rates.
     :param state_at: positions (U, M, 2) in m and powers (U, M) in W at times (M,) in s.
@@ -188,7 +203,8 @@ def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: flo
 
     The velocity is linear in each slot. Slots are divided into pieces in which it changes by at
     most half of the induced velocity, the width of the power's maximum at rest. Gauss-Legendre
-    quadrature of each piece is then within 1e-6 of the integral, for slots of any length.
+    quadrature of each piece is then within 1e-6 of the integral. A slot has at most _MOST_PIECES
+    pieces. A UAV is hovering while it is slower than HOVERING_SPEED times its max_speed.
 
     :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s.
     :param after: velocities at the ends of the slots, (U, M, 2) in m/s.
@@ -217,9 +233,12 @@ def _find_headings(moves: Array, max_step: Array) -> Array:
     """
     Return the direction of travel from every point, (U, N+2) in rad.
 
-    A UAV that hovers, with a move (U, N+1, 2) in m much shorter than max_step (U,), keeps the
-    direction of its last move. Before its first move it has this move's direction, and 0 if
-    it never moves.
+    A UAV hovers after a point if its move is at most _STANDING * max_step. It then keeps the
+    direction of its last longer move. Before its first longer move it has this move's direction,
+    and 0 if it never moves.
+
+    :param moves: moves from each point to the next, (U, N+1, 2) in m.
+    :param max_step: moves at full speed, (U,) in m.
     """
     moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
     moving = np.linalg.norm(moves, axis=-1) > _STANDING * max_step[:, None]

@@ -316,7 +316,7 @@ class Clearance:
         index, times = _find_entry(pieces, forbidden)
         if not len(times):
             return
-        # The UAV does not enter or leave between two successive times, so the middles stand for all.
+        # The UAV neither enters nor leaves between two successive times: one middle is enough.
         ends = np.array([self._curve.begin, *times, self._curve.end])
         times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
         points = shapely.points(self._curve.at(times).positions[number])
