@@ -84,13 +84,13 @@ class Curve:
 
     def at(self, times: ArrayLike) -> Motion:
         """Return the motion at times (K,) in s from point 0; UAVs rest before begin, after end."""
-        nodes = np.asarray(times, float) / self._step
+        slot_times = np.asarray(times, float) / self._step
         evaluate = self._evaluate_spline if self._smooth else self._evaluate_polyline
-        position, velocity, acceleration = evaluate(nodes)
+        position, velocity, acceleration = evaluate(slot_times)
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
         # The 1e-9 of a slot allows for rounded times: the heading of a move holds from its begin.
-        node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
-        heading = self._headings[:, node]
+        point = np.clip(np.floor(slot_times + 1e-9), 0, self._last).astype(int)
+        heading = self._headings[:, point]
         if self._smooth:
             fast = np.linalg.norm(velocity, axis=-1) > self._slow
             heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), heading)
@@ -108,29 +108,20 @@ class Curve:
             return velocities[:, :-1], velocities[:, 1:]
         return velocities[:, 1:-1], velocities[:, 1:-1]
 
-    def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """
-        Return position [m], velocity [m/slot] and acceleration, 0, of the polyline, (U, K, 2).
+    def _evaluate_polyline(self, slot_times: Array) -> tuple[Array, Array, Array]:
+        """Return positions [m], velocities [m/slot], accelerations 0 of the polyline, (U, K, 2)."""
+        inside = np.clip(slot_times, 0, self._last)
+        point = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
+        share = np.where(point < self._last, inside - point, 0.0)[:, None]
+        flying = (slot_times >= -1e-9) & (point < self._last)
+        move = np.where(flying[:, None], self._moves[:, 1 + point], 0.0)
+        return self._points[:, point] + share * move, move, np.zeros_like(move)
 
-        :param nodes: times in slots from point 0, (K,). The velocity is 0 outside 0..N+1.
-        """
-        inside = np.clip(nodes, 0, self._last)
-        node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
-        share = np.where(node < self._last, inside - node, 0.0)[:, None]
-        flying = (nodes >= -1e-9) & (node < self._last)
-        move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
-        return self._points[:, node] + share * move, move, np.zeros_like(move)
-
-    def _evaluate_spline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """
-        Return position [m], velocity [m/slot], acceleration [m/slot^2] of the B-spline, (U, K, 2).
-
-        :param nodes: times in slots from point 0, (K,). Velocity and acceleration are 0 before
-            begin and after end.
-        """
-        inside = np.clip(nodes, -0.5, self._last + 0.5)
+    def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
+        """Return the answer of evaluate_spline, at rest before the curve begins and after its end."""
+        inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
-        flying = (inside == nodes)[:, None]
+        flying = (inside == slot_times)[:, None]
         return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
 
 
@@ -145,20 +136,20 @@ def add_end_moves(moves: Array, ends: Array) -> Array:
     return np.concatenate([ends[0][:, None], moves, ends[1][:, None]], axis=1)
 
 
-def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
+def evaluate_spline(points: Array, moves: Array, slot_times: Array) -> tuple[Array, Array, Array]:
     """
     Return position, velocity and acceleration of a B-spline, (U, K, 2), with time in slots.
 
     :param points: control points, (U, M, 2).
     :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2). The
         velocity changes linearly from w[n-1] at time n - 1/2 to w[n] at n + 1/2.
-    :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
+    :param slot_times: times in slots from the first point, from -1/2 to M - 1/2, (K,).
     """
-    node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
-    delay = (nodes - node)[:, None]
-    before, after = moves[:, node], moves[:, 1 + node]
+    point = np.clip(np.round(slot_times), 0, points.shape[1] - 1).astype(int)
+    delay = (slot_times - point)[:, None]
+    before, after = moves[:, point], moves[:, 1 + point]
     slope, bend = (before + after) / 2, after - before
-    positions = points[:, node] + slope * delay + bend * (delay**2 / 2 + 0.125)
+    positions = points[:, point] + slope * delay + bend * (delay**2 / 2 + 0.125)
     return positions, slope + bend * delay, bend
 
 

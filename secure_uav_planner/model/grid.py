@@ -140,11 +140,7 @@ class Grid:
         return positions
 
     def refine(self, x: Array, slots: int) -> Array:
-        """
-        Return x (N, U, 3) of this grid interpolated to another number of slots.
-
-        If the interpolated powers of a UAV have a higher mean than before, they are scaled down.
-        """
+        """Return x (N, U, 3) interpolated to another number of slots; mean powers do not rise."""
         path = self.refine_path(self.path(x), slots)
         power = resample(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
@@ -199,8 +195,8 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
     Return values (M, ...) at equidistant points of a flight interpolated linearly, (count, ...).
 
-    :param inner: False for values from start to goal. True for values of slots, which lie between
-        start and goal; beyond the first and last given slot, this slot's value is returned.
+    :param inner: True for values of slots, which lie between start and goal. Beyond the first and
+        the last given slot their values continue. False for values from start to goal.
     """
     if count == len(values):
         return values.copy()
@@ -256,11 +252,7 @@ class Receivers:
                    grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
-        """
-        Return receivers in which P points replace each eavesdropper's disc; all radii are 0.
-
-        :param places: the points in units, disc by disc, (N, E P, 2).
-        """
+        """Return receivers with P points (N, E P, 2) in place of E discs; all radii are 0."""
         nodes, listeners = len(self.weights), len(self.listeners)
         eves = self.radii.shape[1] - nodes - listeners
         copies = np.repeat(np.arange(self.radii.shape[1]), [
@@ -271,11 +263,7 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """
-        Return rates in nats at x (N, U, 3): of ground nodes (N, G), eavesdroppers and listeners.
-
-        Each eavesdropper is at its position, whatever its radius.
-        """
+        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x; radii do not act."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -86,11 +86,7 @@ class Problem:
         return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """
-        Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles.
-
-        They keep _INSIDE step lengths from the hull's sides and _DISTANCES[0] from obstacles.
-        """
+        """Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles."""
         normals, offsets = self.airspace.hull
         free = places.copy()
         for uav, step in enumerate(self.grid.step_lengths.tolist()):

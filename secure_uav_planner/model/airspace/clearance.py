@@ -162,11 +162,7 @@ def _find_roots(square: Array, half_linear: Array, constant: Array,
 
 
 def find_unseparated_pair(scenario: Scenario) -> tuple[str, str] | None:
-    """
-    Return the names of the first two UAVs that nothing keeps apart, or None if there are none.
-
-    Without a separation, only altitudes that differ by CLOSE_DISTANCE and both margins do.
-    """
+    """Return names of the first two UAVs that neither separation nor altitudes keep apart."""
     least = CLOSE_DISTANCE + 2 * scenario.tracking_margin
     for first, second in combinations(scenario.uavs, 2):
         if scenario.separation == 0 and abs(first.altitude - second.altitude) < least:
@@ -295,13 +291,7 @@ class Clearance:
         return Pieces(times, curve.piece / 2, *curve.at(times)[:3])
 
     def _check_area(self, number: int, uav: Uav) -> None:
-        """
-        Check that one UAV stays out of its zones and inside the fence, with their margins.
-
-        :param number: index of the UAV.
-        :raises PlanError: if it is wrong by more than POSITION_TOLERANCE. It names the first such
-            zone in the scenario's order, or the fence if there is none, and the largest depth.
-        """
+        """Raise PlanError if UAV `number` enters a zone or leaves the fence, where deepest."""
         boundaries, pieces = self._scenario.boundaries, self._pieces.take(number, slice(None))
         zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]

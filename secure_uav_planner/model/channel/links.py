@@ -42,11 +42,7 @@ class FreeSpace:
         return self.reference_snr / (squared + self.squared_altitudes)
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
-        """
-        Return the gain with a line of sight where a number is below its probability, else without.
-
-        :param numbers: uniform samples in [0, 1). FreeSpace always has a line of sight.
-        """
+        """Return the gain, with a line of sight where its probability is above a random number."""
         return self.gain(squared)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
@@ -179,10 +175,8 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     Return the links of all UAVs to receivers by the scenario's channel; see make_link.
 
     :param kinds: 0 for a ground node or 1 for an eavesdropper, or a list of these.
-    :param shape: shape in which kinds and UAVs are arranged for broadcasting.
-    :param snr: reference SNR at unit distance and unit power, which broadcasts with `shape`.
-    :param altitudes: altitudes of the UAVs, which broadcast with `shape`.
-    :param elevation_offset: as for make_links.
+    :param shape: shape of kinds and UAVs, with which `snr` (reference SNR) and `altitudes`
+        broadcast.
     """
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0

@@ -140,12 +140,7 @@ def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: A
 
 def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
                    altitudes: Array | None = None) -> Array:
-    """
-    Return the rate of each ground node minus its leak, (G, N) in bit/s/Hz.
-
-    :param nodes: places of the ground nodes, (G, N, 2) in m.
-    :param leak: leak to the eavesdroppers, (N,); include_listeners adds the listening nodes.
-    """
+    """Return rates of ground nodes (G, N, 2) minus `leak` (N,), with listeners added, (G, N)."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),

@@ -96,11 +96,7 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
 def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[Array, Array]],
                scenario: Scenario, receivers: ReceiverPlaces, uav_positions: Array,
                powers: Array) -> tuple[Array, Array]:
-    """
-    Return leaks and places of all slots, examined in chunks of slots that fit into caches.
-
-    :param examine: _likely_leaks or _worst_leaks, which returns the leaks and places of a chunk.
-    """
+    """Return leaks and places by `examine`, called for chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
     centres, radii = receivers.centres.swapaxes(0, 1), receivers.radii.T
     chunks = (slice(first, first + size) for first in range(0, powers.shape[1], size))
@@ -179,10 +175,7 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
 def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
                 powers: Array) -> dict[str, Any]:
     """
-    Return the discs of all N E pairs of slot and eavesdropper, slot by slot, for the kernel.
-
-    `kernel/core.pyi` lists the entries of the dictionary. Powers and noise are divided by the
-    power that arrives from the transmitter at unit gain.
+    Return the discs of all slots and eavesdroppers, slot by slot, by the names of core.pyi.
 
     :param radii: (N, E) in m.
     :param offsets: horizontal offsets of the UAVs from the centres, (U, N, E, 2) in m.
