@@ -109,7 +109,7 @@ class Curve:
         return velocities[:, 1:-1], velocities[:, 1:-1]
 
     def _evaluate_polyline(self, slot_times: Array) -> tuple[Array, Array, Array]:
-        """Return positions [m], velocities [m/slot], accelerations 0 of the polyline, (U, K, 2)."""
+        """Return position [m], velocity [m/slot], acceleration 0 of the polyline, (U, K, 2)."""
         inside = np.clip(slot_times, 0, self._last)
         point = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
         share = np.where(point < self._last, inside - point, 0.0)[:, None]
@@ -118,7 +118,7 @@ class Curve:
         return self._points[:, point] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
-        """Return the answer of evaluate_spline, at rest before the curve begins and after its end."""
+        """Return evaluate_spline of the curve, at rest before its beginning and after its end."""
         inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == slot_times)[:, None]
