@@ -107,8 +107,7 @@ class Problem:
         They keep the largest distance of _DISTANCES from obstacles at which each pair of places
         has a route. If there is none, some lists are empty.
 
-        :param uav: index of the UAV.
-        :param places: places (2,) in m.
+        :param uav: index of the UAV, which flies between `places`, (2,) each in m.
         :param most: largest number of routes between two places.
         :return: the visibility graph and, for each pair of successive places, its routes by
             VisibilityGraph.find_routes. Without obstacles: None, and empty lists.

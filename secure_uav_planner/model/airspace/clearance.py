@@ -234,8 +234,7 @@ class Clearance:
             for values in (pieces.positions, pieces.velocities, pieces.accelerations)))
         heights = self._scenario.altitudes[first] - self._scenario.altitudes[second]
         middle = np.hypot(np.linalg.norm(relative.positions, axis=-1), heights[:, None])
-        # A pair comes nearer than in the middle of a piece by at most the reach of the piece. So
-        # only pieces are examined that may come nearer than the nearest middle.
+        # Only pieces are examined that may come nearer than the nearest middle within their reach.
         least = middle - np.linalg.norm(relative.reach, axis=-1)
         pair, piece = np.nonzero(least <= middle.min())
         horizontal, delays = least_distance(relative.take(pair, piece))

@@ -313,10 +313,9 @@ def find_head_starts(scenario: Scenario, delivered: Array) -> tuple[float, ...]:
     """
     Return the head_starts (G,) in bit/Hz of a mission that continues this scenario's.
 
-    A node with the total T has the head start T - weight * m, where m is the least T / weight.
+    With T = delivered + the head starts here, they are T - weight * min(T / weight).
 
-    :param delivered: what has been delivered since this scenario's start, (G,) in bit/Hz. The
-        total adds the head start of this scenario.
+    :param delivered: what has been delivered since this scenario's start, (G,) in bit/Hz.
     """
     total, weights = delivered + scenario.duration * scenario.node_offsets, scenario.node_weights
     return tuple(np.maximum(total - weights * (total / weights).min(), 0.0).tolist())

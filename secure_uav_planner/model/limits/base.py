@@ -80,8 +80,6 @@ def compile_vectors(grid: Grid, points: NDArray[np.intp], weights: ArrayLike,
     """
     Return the kernel's form of vectors, each constant + sum over T points of weight * point.
 
-    Start, goal and all points of fixed UAVs do not vary in the kernel.
-
     :param points: index U n + u of point n of UAV u, (..., T).
     :param weights: weights of the points; they broadcast to (..., T).
     :param constants: constant part of each vector, (..., 2) in units.

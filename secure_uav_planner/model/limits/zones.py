@@ -133,11 +133,9 @@ class SeparationLimit(LineLimit):
 
 def _turn_evenly(angles: Array, close: NDArray[np.bool_], opposite: bool) -> Array:
     """
-    Return angles (N+2,) in rad interpolated linearly over each stretch of points that are close.
+    Return angles [rad] interpolated linearly over each stretch of points that are close, (N+2,).
 
-    A stretch turns from the angle before it to the angle after it by the smaller turn.
-
-    :param opposite: whether turns above 60 degrees take the larger turn instead.
+    The turn is the smaller one. If it is above 60 degrees, `opposite` takes the larger one.
     """
     angles = angles.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))

@@ -124,7 +124,7 @@ class _Projection:
         Return flights (U, N+2, 2) in m inside the limits, near given ones, or None.
 
         A round moves every UAV that is not inside to its side of the lines, which are then chosen
-        anew for the moved path. After _ROUNDS rounds the answer is None.
+        anew for the moved path. After _ROUNDS rounds, or if the solver fails, the answer is None.
 
         :param opposite: whether UAVs that meet pass on the side opposite to the nearest.
         :param inside: True for UAVs that are not moved in the first round, (U,). None moves all
@@ -159,7 +159,7 @@ class _Projection:
         return chosen
 
     def _split_groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
-        """Yield the UAVs to be moved in groups of at most _MOST_MOVED points."""
+        """Yield indices of UAVs to be moved in groups of one, or of up to _MOST_MOVED points."""
         uavs = np.flatnonzero(moving & ~self._grid.fixed)
         most = max(1, _MOST_MOVED // self._grid.slots)
         for first in range(0, len(uavs), most):
@@ -183,7 +183,7 @@ class _Projection:
         return inside
 
     def _to_path(self, positions: Array) -> Array:
-        """Return positions (U, N+2, 2) in m as a path (N+2, U, 2) in units, with exact ends."""
+        """Return positions as a path (N+2, U, 2) in units; fixed UAVs fly reference_flight."""
         grid = self._grid
         path = grid.to_path(positions)
         path[[0, -1]] = grid.starts, grid.goals
