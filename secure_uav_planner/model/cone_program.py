@@ -63,7 +63,7 @@ def solve_cone_program(
         return stop.is_set()
 
     def run() -> None:
-        """Solve in a thread of its own, which the deadline can leave."""
+        """Append the solution to `solutions`, or log a failure; then put False in `iterations`."""
         try:
             solver = clarabel.DefaultSolver(
                 quadratic.tocsc(), linear, matrix.tocsc(), right, cones, settings)

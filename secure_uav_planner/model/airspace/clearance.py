@@ -126,11 +126,12 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     bend, slope = ((part * normal).sum(axis=1)
                    for part in (pieces.accelerations, pieces.velocities))
     # Candidates that do not exist within the piece are replaced by its end, half.
-    line = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
+    level = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
     corners = [least_distance(pieces._replace(positions=pieces.positions - edges[:, end]))[1]
                for end in range(2)]
     crossings, crosses = find_crossings(pieces, edges)
-    times = np.stack([line, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
+    times = np.stack([
+        level, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
     offsets = pieces.at(times) - begin
     square = np.maximum((along**2).sum(axis=1), _POINT)
     share = np.clip((offsets * along).sum(axis=-1) / square, 0, 1)

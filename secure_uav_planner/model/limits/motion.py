@@ -42,7 +42,7 @@ class NormLimit(Limit):
         self.longest = longest
         self.absent: NDArray[np.bool_] = np.full(
             (self.grid.slots + self.order, len(self.longest)), False)
-        self._end_moves: Array = np.zeros((2, len(self.longest), 2))
+        self._end_moves: Array = np.zeros((2, len(self.longest), 2))  # Beyond start and goal [m].
 
     @property
     def order(self) -> int:

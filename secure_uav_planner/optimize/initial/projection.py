@@ -116,7 +116,7 @@ class _Projection:
         # Largest utilisation of speed and acceleration for each UAV, (U,).
         self._utilisations = 1 - share * np.maximum(
             1 - grid.least_flights.find_utilisations(grid.scenario, raise_if_over), 0.0)
-        self._step = float(np.median(grid.step_lengths)) / grid.length
+        self._step = float(np.median(grid.step_lengths)) / grid.length  # A step, in grid units.
 
     def solve(self, positions: Array, opposite: bool = False,
               inside: NDArray[np.bool_] | None = None) -> Array | None:

@@ -197,7 +197,7 @@ def _find_obstructions(scenario: Scenario, number: int,
 
 
 def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
-    """Return a text that names shorter slots with which flights are found; empty if none do."""
+    """Return advice on more slots, or more and a longer duration, that have flights, or ''."""
     # A slot's piece of a flight is straight, and may be too long for a narrow gap.
     with suppress(TimeLimitError):
         for longer, factor in product(_LONGER, _FINER):

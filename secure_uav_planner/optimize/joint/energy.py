@@ -73,7 +73,7 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def improve_warm(driver: SolverDriver) -> Status:
-    """Improve an incumbent within its limits of energy, from its own flights and powers only."""
+    """Improve an incumbent within its limits of energy from its own iterate, in three searches."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
@@ -86,7 +86,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Find a first plan of (P2) within limits of energy: straight flights with loiter circles."""
+    """Try to find a plan of (P2) within limits of energy by direct flights with loiter circles."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
     _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
@@ -122,7 +122,7 @@ def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
 
 
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
-    """Yield variables (N, U, 3) and energy prices (U,) of the best starts after the full grid."""
+    """Yield variables (N, U, 3) and prices (U,) of the best starts, finished on the full grid."""
     rates = solver.rates()
     for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):

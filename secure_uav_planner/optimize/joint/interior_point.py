@@ -243,7 +243,7 @@ class SolverDriver:
         return 'iteration_limit'
 
     def try_best(self, solver: Solver) -> None:
-        """Propose a solver's best iterate, interpolated to the full grid, to the incumbent."""
+        """Propose what the solver proposes, interpolated to the full grid, to the incumbent."""
         x = solver.propose()
         if x is None:
             return
@@ -252,7 +252,7 @@ class SolverDriver:
         self.try_variables(x)
 
     def try_variables(self, x: Array) -> None:
-        """Propose variables of the full grid, (N, U, 3), to the incumbent."""
+        """Propose variables (N, U, 3) of the full grid; only powers if all flights are fixed."""
         positions = None if self.grid.fixed.all() else self.grid.positions(x)
         self.incumbent.try_improve(positions, self.grid.powers(x))
 
