@@ -104,7 +104,7 @@ class LeastFlights:
 
     def find(self, vehicle: Vehicle, slots: int, step: float,
              raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
-        """Return minimise_utilisation of these arguments, computed once for each vehicle."""
+        """Return minimise_utilisation(vehicle, slots, step), computed once and then kept."""
         key = vehicle, slots, step
         if key not in self._flights:
             self._flights[key] = minimise_utilisation(*key, raise_if_over)

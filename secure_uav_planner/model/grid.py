@@ -195,8 +195,8 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
     Return values (M, ...) at equidistant points of a flight interpolated linearly, (count, ...).
 
-    :param inner: True for values of slots, which lie between start and goal. Beyond the first and
-        the last given slot their values continue. False for values from start to goal.
+    :param inner: True for values of slots, which lie between start and goal. Before the first and
+        after the last given slot the value is constant. False for values from start to goal.
     """
     if count == len(values):
         return values.copy()
@@ -263,7 +263,7 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x; radii do not act."""
+        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x, ignoring radii."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -160,7 +160,7 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
 def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
                     y: Any, paths: list[Any]) -> _Bound:
     """
-    Return convex upper bounds of the rate at each eavesdropper, and what makes them bounds.
+    Return convex upper bounds of each eavesdropper's rate, and constraints that make them bounds.
 
     The rate is log(1 + all received power) - log(1 + received jamming), each logarithm bounded.
 

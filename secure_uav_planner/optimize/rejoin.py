@@ -233,7 +233,7 @@ class _RecoveryPath:
 def _list_recovery_paths(plan: Plan, first: int, tail: Scenario,
                          states: Sequence[MeasuredState | None],
                          tolerance: float) -> dict[int, _RecoveryPath]:
-    """Return recovery paths, by index, of UAVs off their plan at point `first`; none at 0."""
+    """Return recovery paths, by index, of UAVs off their plan at point `first` (none at 0)."""
     if first == 0 or all(state is None for state in states):
         return {}
     playback = Playback(plan)
@@ -254,7 +254,7 @@ def _find_paths(recoveries: dict[int, _RecoveryPath], point: int) -> dict[int, A
 
 
 def _list_candidates(first: int, slots: int) -> list[int]:
-    """Return the points to try for a replan, `first` to slots - 1, in ever longer distances."""
+    """Return the points to try for a replan, `first` to slots - 1, at growing distances."""
     points, step = [first], 1.0
     while points[-1] + 1 < slots:
         points.append(min(slots - 1, points[-1] + math.floor(step)))

@@ -291,7 +291,7 @@ class Clearance:
         return Pieces(times, curve.piece / 2, *curve.at(times)[:3])
 
     def _check_area(self, number: int, uav: Uav) -> None:
-        """Raise PlanError if UAV `number` enters a zone or leaves the fence, where deepest."""
+        """Raise PlanError, with the largest depth, if a UAV enters a zone or leaves the fence."""
         boundaries, pieces = self._scenario.boundaries, self._pieces.take(number, slice(None))
         zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]

@@ -204,8 +204,8 @@ def sight_radii(scenario: Scenario) -> Array:
     """
     Return the largest horizontal distances at which helpful links have a line of sight, (U,) in m.
 
-    At larger distances the probability of a line of sight is below 1 - outage. The distances are
-    infinite if the channel states no such outage, or if even 90 degrees of elevation are too low.
+    There the elevation is RISE above the one at which a sight has the probability 1 - outage. They
+    are infinite if the channel does not count sights, or if 90 degrees of elevation are too low.
     """
     channel, elevation = scenario.channel, 90.0
     if channel.counts_sights and channel.los_numbers:

@@ -37,9 +37,9 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
     With several ground nodes it is the largest of their rates. It is a lower bound of R[n] of
     problem (P1), equation (6), before its [x]^+, and never below guaranteed_rates. A branch and
     bound over the discs proves that no point leaks more than the subtracted leak. The subtracted
-    leak exceeds the leak at worst_case_places by at most 1e-6
-    times find_rate_scale. It may exceed it by more in a slot that needs more than MOST_SECTORS
-    sectors, and where distances of 1e7 m at altitudes of 1e-3 m exhaust floating-point numbers.
+    leak exceeds the leak at worst_case_places by at most 1e-6 times find_rate_scale, or by more in
+    a slot that needs more than MOST_SECTORS sectors, and where distances of 1e7 m at altitudes of
+    1e-3 m exhaust floating-point numbers.
 
     :param times: as for guaranteed_rates.
     """

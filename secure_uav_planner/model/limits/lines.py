@@ -168,9 +168,8 @@ class LineLimit(Limit):
         """
         Return lines by which a path that is not clear can be moved to one side of each obstacle.
 
-        By default they are the given lines.
-
-        :param lines: lines of the path by choose_lines, which may be changed in place.
+        :param lines: lines of the path by choose_lines, which are returned by default. An override
+            may change them in place.
         :param opposite: whether UAVs that meet pass each other on the side that is not nearest.
         """
         return lines

@@ -81,11 +81,12 @@ def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: De
 
     @cache
     def measure_utilisation(duration: float) -> float:
+        """Return 0.5 if flights of a duration [s] are found, else 2: only the side of 1 counts."""
         longer = Problem(replace(scenario, duration=duration))
         utilisations = longer.grid.least_flights.find_utilisations(longer.scenario, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
         is_flyable = has_time and _search_flights(longer, raise_if_over) is not None
-        return 0.5 if is_flyable else 2.0  # Only the side of 1 is known.
+        return 0.5 if is_flyable else 2.0
 
     # Longer is always easier for a flight from rest to rest.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)

@@ -73,12 +73,12 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def improve_warm(driver: SolverDriver) -> Status:
-    """Improve an incumbent within its limits of energy from its own iterate, in three searches."""
+    """Improve an incumbent within its limits of energy from its own iterate, in several ways."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
     status: Status = 'converged'
-    for mu, price in ENERGY.as_they_are:
+    for mu, price in ENERGY.as_they_are:  # Each search begins at x; the last status is returned.
         status = (driver.finish(driver.build_solver(grid, x[None], mu, price))
                   if incumbent.objective == 'guaranteed' else
                   improve_from_start(driver, x, mu, price))
@@ -201,7 +201,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return errors of UAVs whose least energy (U,) [J] is above max_energy, or of all UAVs."""
+    """Return errors of UAVs with least energies (U,) [J] above max_energy; if none is, of all."""
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
@@ -232,15 +232,15 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
         hovers = np.concatenate([[False], speeds < slow * uav.max_speed, [False]])
         ends = np.flatnonzero(np.diff(hovers.astype(int)))
-        gain = ENERGY.speeding * uav.max_acceleration
+        acceleration = ENERGY.speeding * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
             # The highest speed at which a circle fits into the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
-                1 / gain + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
+                1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
             if top < ENERGY.slow * uav.max_speed:
                 continue
-            speed = np.minimum(top, gain * np.minimum(times, times[-1] - times))
+            speed = np.minimum(top, acceleration * np.minimum(times, times[-1] - times))
             covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
             turns = max(1, int(
                 covered[-1] / (2 * np.pi * top**2 / (ENERGY.turning * uav.max_acceleration))))

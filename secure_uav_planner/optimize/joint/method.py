@@ -22,7 +22,7 @@ def improve(incumbent: Incumbent) -> Status:
     """
     Improve an Incumbent by the joint method until it has converged or must stop.
 
-    :param incumbent: an Incumbent. If it is `warm`, its own iterate is the only start.
+    :param incumbent: an Incumbent. Its iterate is the only start if `warm` and within max_energy.
     :return: the status.
     """
     driver = SolverDriver(incumbent)

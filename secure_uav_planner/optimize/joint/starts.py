@@ -323,7 +323,7 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
-    :param share: share of each slack that the flights and powers keep free.
+    :param share: share of each slack that flights keep free; powers keep power_margin * share.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
     flights = find_interior(grid, positions, share, raise_if_over)
