@@ -53,7 +53,7 @@ class Incumbent:
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self.rate = powers, -math.inf
         self._keeps_energy = True
-        self._longest = 0.0  # Longest duration of try_improve [s].
+        self._longest_try = 0.0  # Longest duration of try_improve [s].
         self.try_improve()
         if not problem.keeps_energy(positions):
             self._keeps_energy, self.rate = False, -math.inf  # Below any flights that keep it.
@@ -82,7 +82,7 @@ class Incumbent:
         rates = np.where(rates > self._negligible, rates, 0.0)
         shares = find_shares(self.scenario, rates)
         rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
-        self._longest = max(self._longest, time.monotonic() - began)
+        self._longest_try = max(self._longest_try, time.monotonic() - began)
         gain = rate - self.rate
         if not gain > 0:  # A gain that is NaN is refused as well.
             return 0.0
@@ -93,10 +93,10 @@ class Incumbent:
 
     def raise_if_over(self) -> None:
         """Raise the deadline's error if no time is left to try an iterate here and in parents."""
-        # Enclosing incumbents try the result as well, in at most _longest s each.
-        reserve, parent = self._longest, self._parent
+        # Enclosing incumbents try the result as well, in at most _longest_try s each.
+        reserve, parent = self._longest_try, self._parent
         while parent is not None:
-            reserve, parent = reserve + parent._longest, parent._parent
+            reserve, parent = reserve + parent._longest_try, parent._parent
         self.deadline.raise_if_over(reserve)
 
     def try_less_jamming(self) -> None:

@@ -124,10 +124,10 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
     for index, path in paths.items():
         positions[index] = path
-    left = reduce_budgets(plan.scenario, positions, point)
+    reduced = reduce_budgets(plan.scenario, positions, point)
     for index, path in paths.items():
         uavs[index] = replace(
-            uavs[index], start=_to_point(path[-1]), max_energy=left[index].max_energy,
+            uavs[index], start=_to_point(path[-1]), max_energy=reduced[index].max_energy,
             start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = move_receivers(

@@ -181,10 +181,10 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # A jammer interferes at the ground node; the transmitter leaks to an eavesdropper.
-    is_adverse = np.stack([~transmits, transmits])[kinds].reshape(shape)
+    is_harmful = np.stack([~transmits, transmits])[kinds].reshape(shape)
     if channel.rician_k_db is not None:
         low, high = scenario.fading_gains
-        snr = snr * np.where(is_adverse, high, low)
+        snr = snr * np.where(is_harmful, high, low)
     if channel.is_inverse_square:
         return FreeSpace(snr, altitudes**2)
     a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
@@ -192,11 +192,11 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     if channel.counts_sights:
         helping, harming = _sight_elevations(a, b, scenario.outage_share)
         # The smoothed step rises from 0 at the elevation `begin` to 1 at begin + width [degrees].
-        begin = np.where(is_adverse, harming - RISE, helping - elevation_offset)
-        width = np.where(is_adverse, RISE, RISE + elevation_offset)
+        begin = np.where(is_harmful, harming - RISE, helping - elevation_offset)
+        width = np.where(is_harmful, RISE, RISE + elevation_offset)
         return PathLossQuantile(
             snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
-    losses = np.where(is_adverse & channel.cautious, 1.0, kappa)
+    losses = np.where(is_harmful & channel.cautious, 1.0, kappa)
     return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
 
 

@@ -127,8 +127,8 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
         core.find_local_minima(
             _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active]),
             candidates)
-        v, x, y = candidates
-        leaks[active] = convert_sinr(1.0 / v).reshape(active.size, -1)
+        inverse_sinr, x, y = candidates
+        leaks[active] = convert_sinr(1.0 / inverse_sinr).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
     return leaks, centres + places
 

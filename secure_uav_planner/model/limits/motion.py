@@ -54,8 +54,8 @@ class NormLimit(Limit):
         """Return the limit as the kernel reads it, in units of the grid."""
         grid, uavs = self.grid, len(self.longest)
         # q[-1] and q[N+2] are replaced by q[0] and q[N+1]; constants add the moves in between.
-        number = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
-        inside = np.clip(number, 0, grid.slots + 1)[:, None]
+        point = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
+        inside = np.clip(point, 0, grid.slots + 1)[:, None]
         constant = np.zeros((*self.absent.shape, 2))
         constant[0] -= self._end_moves[0] / grid.length
         constant[-1] += self._end_moves[1] / grid.length

@@ -32,11 +32,11 @@ class FenceLimit(LineLimit):
         super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), on_curve=False)
         self._normals: Array = np.tile(-outward, (uavs, 1))
         self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
-        # Moves from start and goal to each point; the curve's ends are half a slot beyond these.
-        number = np.arange(self.grid.slots + 2.0)[:, None]
-        number[0], number[-1] = 0.5, number[-1] + 0.5
+        # Slots from the start to each point; the curve's ends are half a slot beyond the points.
+        elapsed = np.arange(self.grid.slots + 2.0)[:, None]
+        elapsed[0], elapsed[-1] = 0.5, elapsed[-1] + 0.5
         steps = (self.scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
-        for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
+        for ends, moves in ((self.grid.starts, elapsed), (self.grid.goals, elapsed[::-1])):
             slack = (self._normals * ends[self.first]).sum(axis=-1) - self._offsets
             self.ignored |= (slack > (1 + _ROUNDING) * moves * steps)[..., None]
 

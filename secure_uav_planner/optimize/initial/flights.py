@@ -129,9 +129,9 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
             return fly_direct(problem, index, out)
         legs = shorter
     outward, homeward = map(_measure_length, legs)
-    number = np.arange(count + 1.0)
-    covered = np.clip((number - lag / 2) * step, 0, outward)
-    left = np.clip((count - number - lag / 2) * step, 0, homeward)
+    slot_times = np.arange(count + 1.0)
+    covered = np.clip((slot_times - lag / 2) * step, 0, outward)
+    left = np.clip((count - slot_times - lag / 2) * step, 0, homeward)
     return np.where((left < homeward)[:, None], _locate(legs[1], homeward - left),
                     _locate(legs[0], covered))
 
@@ -199,8 +199,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     arrivals = np.cumsum(lengths[:-1]) / step + wait * np.arange(len(stops))
     times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [moves]])
     covered = np.concatenate([[0.0], np.repeat(np.cumsum(lengths)[:-1], 2), [lengths.sum()]])
-    number = np.arange(-float(width), moves + width + 1)
-    points = _locate(np.concatenate(legs), np.interp(number, times, covered))
+    slot_times = np.arange(-float(width), moves + width + 1)
+    points = _locate(np.concatenate(legs), np.interp(slot_times, times, covered))
     sums = np.cumsum(np.pad(points, ((1, 0), (0, 0))), axis=0)
     points = (sums[width + 1:] - sums[:-width - 1]) / (width + 1)
     points[0], points[-1] = start, goal

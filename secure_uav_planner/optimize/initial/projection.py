@@ -252,8 +252,8 @@ class _Projection:
             near = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
             point, pair, corner = near  # Indices (n, g, k) of each row's control point.
             normal = normals[near[:2]]
-            number = np.arange(len(point))
-            entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
+            row = np.arange(len(point))
+            entries = [(row, np.full(len(point), shortfall), np.ones(len(point)))]
             for end, sign in zip(ends, (1.0, -1.0)):
                 piece = end[pairs[pair]]
                 for shift in (-1, 0, 1):
@@ -283,14 +283,14 @@ class _Projection:
             # The UAV and the index of the difference of each cone, and the cone's first row.
             member, difference = np.nonzero(~limit.absent.T[group])
             uav = group[member]
-            number = 3 * np.arange(len(uav))
-            entries = [(number, np.full(len(uav), excess), longest[uav])]
+            row = 3 * np.arange(len(uav))
+            entries = [(row, np.full(len(uav), excess), longest[uav])]
             for index, weight in enumerate(limit.stencil):
                 point = difference + 1 - limit.order + index
                 inside = np.flatnonzero((point > 0) & (point < len(base) - 1))
                 column = columns[point[inside], uav[inside]]
                 for axis in (0, 1):
-                    entries.append((number[inside] + 1 + axis, column + axis,
+                    entries.append((row[inside] + 1 + axis, column + axis,
                                     np.full(len(inside), weight)))
             constants = np.zeros((len(uav), 3))
             constants[:, 0] = longest[uav] * self._utilisations[uav]

@@ -189,13 +189,13 @@ class WorstPlaces:
         worst, leaks = self._find_worst(x)
         grounds, place_leaks, heard = self.receivers.rates(x)
         self.rate = self._compute_rate(grounds, place_leaks, heard, leaks, shares)
-        counted = place_leaks.reshape(*leaks.shape, -1)
+        by_disc = place_leaks.reshape(*leaks.shape, -1)
         # Without collusion, the leak is the largest over all discs, so other discs do not matter.
-        worse = leaks > tolerance + (counted.max(axis=2) if self._scenario.colluding else
+        worse = leaks > tolerance + (by_disc.max(axis=2) if self._scenario.colluding else
                                      place_leaks.max(axis=1, keepdims=True))
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
         near = distances.min(axis=-1) < EXCHANGE.near * self._radii
-        replaced = np.where(near, distances.argmin(axis=-1), counted.argmin(axis=-1))
+        replaced = np.where(near, distances.argmin(axis=-1), by_disc.argmin(axis=-1))
         slot, eve = np.nonzero(near | worse)
         replaced = replaced[slot, eve]
         self._places[slot, eve, replaced] = worst[slot, eve]

@@ -44,15 +44,15 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     target = rng.integers(len(centres), size=(count, uavs))
     target[0, 1:] = np.arange(uavs - 1) % len(centres)
     ground, eavesdropper = grounds[0, 0], centres[0, 0]
-    time = np.arange(count * uavs).reshape(count, uavs)  # Index of each UAV's time.
-    targets = centres[target, time]
-    targets[:, 0] = grounds[0, time[:, 0]]
+    index = np.arange(count * uavs).reshape(count, uavs)  # Index in times.ravel().
+    targets = centres[target, index]
+    targets[:, 0] = grounds[0, index[:, 0]]
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
-    errors = radii[target, time]
+    errors = radii[target, index]
     errors[:, 0] = 0.0
     # Largest distance [m] from a target with lines of sight to its whole disc.
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
