@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 Arguments = Mapping[str, Any]
 
 TOLERANCE: float
-"""Tolerance of prove_leaks [bit/s/Hz], for rates of 1; a Scenario's find_rate_scale scales it."""
+"""Largest excess [bit/s/Hz] of a proven leak over the largest leak found, at a rate scale of 1."""
 
 class LinkGains:
     """Gains over the noise power of K U links; link k U + u is from UAV u to receiver k."""
