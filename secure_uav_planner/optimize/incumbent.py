@@ -170,7 +170,7 @@ class Incumbent:
         return np.where(self._rates > 0.0, self.powers, 0.0)
 
     def to_plan(self, method: str, status: Status) -> Plan:
-        """Return the iterate as a Plan, silent in slots of rate 0, after trying idle slots."""
+        """Try idle slots if time is left; return a Plan that is silent in slots of rate 0."""
         if not self.deadline.poll():
             self.try_idle_slots()
         if self.rate > self.history[-1].rate:

@@ -163,7 +163,7 @@ def _find_roots(square: Array, half_linear: Array, constant: Array,
 
 
 def find_unseparated_pair(scenario: Scenario) -> tuple[str, str] | None:
-    """Return names of the first two UAVs that neither separation nor altitudes keep apart."""
+    """Return names of two UAVs that neither a separation nor altitudes keep apart, or None."""
     least = CLOSE_DISTANCE + 2 * scenario.tracking_margin
     for first, second in combinations(scenario.uavs, 2):
         if scenario.separation == 0 and abs(first.altitude - second.altitude) < least:
