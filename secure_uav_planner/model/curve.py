@@ -118,7 +118,7 @@ class Curve:
         return self._points[:, point] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
-        """Return evaluate_spline of the curve, with velocity and acceleration 0 beyond its ends."""
+        """Return evaluate_spline of the curve, with velocity and acceleration 0 outside it."""
         inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == slot_times)[:, None]
