@@ -6,7 +6,7 @@ import time
 import casadi as ca
 import numpy as np
 from secure_uav_planner.model.problem import Problem
-from secure_uav_planner.optimize.incumbent import mute_nonpositive_slots
+from secure_uav_planner.optimize.incumbent import mute_negative_slots
 
 UNIT = 100.0  # m
 TOLERANCE = 1e-6  # Of FATROP.
@@ -191,6 +191,6 @@ def _make_answer(scenario, values, times, solver):
 def compute_rate(scenario, positions, powers):
     """Return the guaranteed rate of an iterate made feasible, in bit/s/Hz."""
     problem = Problem(scenario)
-    _, rates = mute_nonpositive_slots(
+    _, rates = mute_negative_slots(
         scenario, problem.retract(positions), problem.retract_powers(powers))
     return float(rates.mean())

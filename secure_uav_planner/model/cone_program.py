@@ -63,7 +63,7 @@ def solve_cone_program(
         return stop.is_set()
 
     def run() -> None:
-        """Solve in a thread of its own, which the deadline can leave."""
+        """Append the solution to `solutions`, or log a failure; then put False in `iterations`."""
         try:
             solver = clarabel.DefaultSolver(
                 quadratic.tocsc(), linear, matrix.tocsc(), right, cones, settings)
@@ -104,7 +104,7 @@ class LeastFlights:
 
     def find(self, vehicle: Vehicle, slots: int, step: float,
              raise_if_over: Callable[[], None] = lambda: None) -> tuple[float, Array]:
-        """Return the answer of minimise_utilisation, computed once."""
+        """Return minimise_utilisation(vehicle, slots, step), computed once and then kept."""
         key = vehicle, slots, step
         if key not in self._flights:
             self._flights[key] = minimise_utilisation(*key, raise_if_over)
@@ -112,9 +112,10 @@ class LeastFlights:
 
     def find_utilisations(self, scenario: Scenario,
                           raise_if_over: Callable[[], None] = lambda: None) -> Array:
-        """Return the least utilisations of the flights of a scenario, (U,)."""
+        """Return the least utilisation of a flight of each UAV of a scenario, (U,)."""
         slots = scenario.slots
-        step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Grid's rounding: same key.
+        # Rounded like Grid.slot_duration, so that both are the same key of the cache.
+        step = scenario.slot_duration * (slots + 1) / (slots + 1)
         return np.array([self.find(uav.vehicle, slots, step, raise_if_over)[0]
                          for uav in scenario.uavs])
 
@@ -127,8 +128,8 @@ def minimise_utilisation(vehicle: Vehicle, slots: int, step: float,
     The utilisation is the largest ratio of a speed or an acceleration to its limit. If it is above
     1, no flight of N slots of `step` seconds keeps the limits. If the solver fails, which happens
     only far above 1, the utilisation is infinite, with the points of the straight flight. The
-    straight flight is the best one without a limit of acceleration, and with free or zero
-    velocities at both ends.
+    straight flight is returned without a cone program if there is no limit of acceleration, or if
+    each velocity at an end is free or zero.
 
     The cone program minimises r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step, with the
     largest speed V and acceleration a. The velocities w, (N+1, 2) in m/s, add up to the

@@ -83,14 +83,14 @@ class Curve:
         self._slow = _STANDING * scenario.max_speeds[:, None]
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return the motion at times (K,) in s from point 0; it rests before begin, after end."""
-        nodes = np.asarray(times, float) / self._step
+        """Return the motion at times (K,) in s from point 0; UAVs rest before begin, after end."""
+        slot_times = np.asarray(times, float) / self._step
         evaluate = self._evaluate_spline if self._smooth else self._evaluate_polyline
-        position, velocity, acceleration = evaluate(nodes)
+        position, velocity, acceleration = evaluate(slot_times)
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
         # The 1e-9 of a slot allows for rounded times: the heading of a move holds from its begin.
-        node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
-        heading = self._headings[:, node]
+        point = np.clip(np.floor(slot_times + 1e-9), 0, self._last).astype(int)
+        heading = self._headings[:, point]
         if self._smooth:
             fast = np.linalg.norm(velocity, axis=-1) > self._slow
             heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), heading)
@@ -98,53 +98,58 @@ class Curve:
 
     @property
     def slot_velocities(self) -> tuple[Array, Array]:
-        """Velocities at the beginning and the end of each slot of the curve, (U, M, 2) in m/s."""
+        """
+        Velocities at the beginning and the end of each slot of the curve, (U, M, 2) in m/s.
+
+        With a limit of acceleration M = N + 2. Otherwise M = N + 1, and both velocities are equal.
+        """
         velocities = self._moves / self._step
         if self._smooth:
             return velocities[:, :-1], velocities[:, 1:]
         return velocities[:, 1:-1], velocities[:, 1:-1]
 
-    def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the polyline, in m and slots."""
-        inside = np.clip(nodes, 0, self._last)
-        node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
-        share = np.where(node < self._last, inside - node, 0.0)[:, None]
-        flying = (nodes >= -1e-9) & (node < self._last)
-        move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
-        return self._points[:, node] + share * move, move, np.zeros_like(move)
+    def _evaluate_polyline(self, slot_times: Array) -> tuple[Array, Array, Array]:
+        """Return position [m], velocity [m/slot], acceleration 0 of the polyline, (U, K, 2)."""
+        inside = np.clip(slot_times, 0, self._last)
+        point = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
+        share = np.where(point < self._last, inside - point, 0.0)[:, None]
+        flying = (slot_times >= -1e-9) & (point < self._last)
+        move = np.where(flying[:, None], self._moves[:, 1 + point], 0.0)
+        return self._points[:, point] + share * move, move, np.zeros_like(move)
 
-    def _evaluate_spline(self, nodes: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the B-spline, in m and slots."""
-        inside = np.clip(nodes, -0.5, self._last + 0.5)
+    def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
+        """Return evaluate_spline of the curve, with velocity and acceleration 0 outside it."""
+        inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
-        flying = (inside == nodes)[:, None]
+        flying = (inside == slot_times)[:, None]
         return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
 
 
 def add_end_moves(moves: Array, ends: Array) -> Array:
     """
-    Return moves w[-1], w[0], ..., w[M] of flights with moves w[0], ..., w[M-1], (U, M, 2).
+    Return the moves w[-1], w[0], ..., w[M] of flights, (U, M+2, 2).
 
+    :param moves: w[0], ..., w[M-1], (U, M, 2).
     :param ends: w[-1] and w[M], (2, U, 2); NaN repeats the neighbouring move.
     """
     ends = np.where(np.isnan(ends), np.swapaxes(moves[:, [0, -1]], 0, 1), ends)
     return np.concatenate([ends[0][:, None], moves, ends[1][:, None]], axis=1)
 
 
-def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
+def evaluate_spline(points: Array, moves: Array, slot_times: Array) -> tuple[Array, Array, Array]:
     """
     Return position, velocity and acceleration of a B-spline, (U, K, 2), with time in slots.
 
     :param points: control points, (U, M, 2).
     :param moves: w[-1], w[0], ..., w[M-1] between the control points and beyond, (U, M+1, 2). The
         velocity changes linearly from w[n-1] at time n - 1/2 to w[n] at n + 1/2.
-    :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
+    :param slot_times: times in slots from the first point, from -1/2 to M - 1/2, (K,).
     """
-    node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
-    delay = (nodes - node)[:, None]
-    before, after = moves[:, node], moves[:, 1 + node]
+    point = np.clip(np.round(slot_times), 0, points.shape[1] - 1).astype(int)
+    delay = (slot_times - point)[:, None]
+    before, after = moves[:, point], moves[:, 1 + point]
     slope, bend = (before + after) / 2, after - before
-    positions = points[:, node] + slope * delay + bend * (delay**2 / 2 + 0.125)
+    positions = points[:, point] + slope * delay + bend * (delay**2 / 2 + 0.125)
     return positions, slope + bend * delay, bend
 
 
@@ -154,7 +159,8 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
     """
     Return each node's mean rate in continuous time over each of M slots, (G, M) in bit/s/Hz.
 
-    Slot i lasts from point i + 1 to point i + 2; `place` is in -1/2..1/2 from its middle.
+    Slot i lasts from point i + 1 to point i + 2. Rates at three times of the slot are averaged,
+    `place` slots from the middle, by Gauss-Legendre quadrature.
 
     :param find_rates: rates of the nodes, such as channel.guaranteed_node_rates.
     :param state_at: positions (U, M, 2) in m and powers (U, M) in W at times (M,) in s.
@@ -188,7 +194,8 @@ def integrate_powers(uavs: Sequence[Uav], before: Array, after: Array, step: flo
 
     The velocity is linear in each slot. Slots are divided into pieces in which it changes by at
     most half of the induced velocity, the width of the power's maximum at rest. Gauss-Legendre
-    quadrature of each piece is then within 1e-6 of the integral, for slots of any length.
+    quadrature of each piece is then within 1e-6 of the integral. A slot has at most _MOST_PIECES
+    pieces. A UAV is hovering while it is slower than HOVERING_SPEED times its max_speed.
 
     :param before: velocities at the beginnings of M slots, (U, M, 2) in m/s.
     :param after: velocities at the ends of the slots, (U, M, 2) in m/s.
@@ -217,9 +224,12 @@ def _find_headings(moves: Array, max_step: Array) -> Array:
     """
     Return the direction of travel from every point, (U, N+2) in rad.
 
-    A UAV that hovers, with a move (U, N+1, 2) in m much shorter than max_step (U,), keeps the
-    direction of its last move. Before its first move it has this move's direction, and 0 if
-    it never moves.
+    A UAV hovers after a point if its move is at most _STANDING * max_step. It then keeps the
+    direction of its last longer move. Before its first longer move it has this move's direction,
+    and 0 if it never moves.
+
+    :param moves: moves from each point to the next, (U, N+1, 2) in m.
+    :param max_step: moves at full speed, (U,) in m.
     """
     moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
     moving = np.linalg.norm(moves, axis=-1) > _STANDING * max_step[:, None]

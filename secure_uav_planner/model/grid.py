@@ -45,7 +45,7 @@ class Grid:
 
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
-        """Whether each UAV has no time to spare, so that its path is constant, (U,)."""
+        """Whether each UAV's path is no variable, (U,): it has no time to spare, or is_fixed."""
         return self.is_fixed | (
             self.least_flights.find_utilisations(self.scenario) > 1 - _NO_SLACK)
 
@@ -60,7 +60,7 @@ class Grid:
         return read_only(flights)
 
     def with_slots(self, slots: int) -> 'Grid':
-        """Return the same flight in another number of slots."""
+        """Return the grid of the same flight with another number of slots."""
         return replace(self, slots=slots)
 
     @cached_property
@@ -101,12 +101,12 @@ class Grid:
 
     @cached_property
     def times(self) -> Array:
-        """Time of the point of every slot, from point 0, (N,) in s."""
+        """Time of each of the points 1 to N from point 0, (N,) in s."""
         return np.arange(1.0, self.slots + 1) * self.slot_duration
 
     @cached_property
     def step_lengths(self) -> Array:
-        """Distances flown in a slot, at most a fraction of the mission's extent, (U,) in m."""
+        """Distances at full speed in a slot, at most _LONGEST_STEP * extent, (U,) in m."""
         scenario = self.scenario
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _LONGEST_STEP * extent)
@@ -140,7 +140,7 @@ class Grid:
         return positions
 
     def refine(self, x: Array, slots: int) -> Array:
-        """Interpolate x (N, U, 3) of this grid to another number of slots; keep mean powers."""
+        """Return x (N, U, 3) interpolated to another number of slots; mean powers do not rise."""
         path = self.refine_path(self.path(x), slots)
         power = resample(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
@@ -148,10 +148,10 @@ class Grid:
 
     def refine_path(self, path: Array, slots: int) -> Array:
         """
-        Interpolate a path of this grid to another number of slots; the largest speed is kept.
+        Return a path (N+2, U, 2) of this grid interpolated to another number of slots.
 
-        With a limit of acceleration the new points follow the flown curve, and the largest
-        acceleration is nearly kept.
+        Without a limit of acceleration the largest speed does not rise. With one, the new points
+        follow the flown curve, and the largest speed and acceleration rise little.
         """
         if not self.scenario.limits_acceleration:
             return resample(path, slots + 2)
@@ -167,7 +167,7 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
 
     A B-spline begins half a slot before its first control point and ends half a slot after its
     last one. Time is warped so that both B-splines begin together and end together; the velocities
-    at both ends are kept.
+    at both ends are kept. Times here are in slots of the given B-spline, `slot` is a new slot.
 
     :param points: control points of the given B-spline, (U, M, 2).
     :param moves: differences of the points with both ends, (U, M+1, 2), see add_end_moves.
@@ -177,12 +177,14 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
     times: Array = np.arange(float(count)) * slot
     warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
     share = (times / last)[:, None]
+    # Distance by which the warped time lags behind, at velocities from the first to the last move.
     drift = (times - warped)[:, None] * ((1 - share) * first_move + share * last_move)
     velocities = [evaluate_spline(points, moves, np.clip(warped + by, -0.5, last + 0.5))[1]
                   for by in (-slot / 2, slot / 2)]
     inside = np.clip(warped, -0.5, last + 0.5)
     position, velocity, _ = evaluate_spline(points, moves, inside)
-    # Beyond its ends the curve is extended along the tangent.
+    # Beyond its ends the curve is extended along the tangent. A control point is the curve's
+    # position minus 1/8 of the second difference, which is slot * (change of velocity).
     controls = (position + (warped - inside)[:, None] * velocity + drift
                 - slot / 8 * (velocities[1] - velocities[0]))
     controls[:, [0, -1]] = points[:, [0, -1]]
@@ -191,13 +193,15 @@ def resample_curve(points: Array, moves: Array, count: int) -> Array:
 
 def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
-    Interpolate values (M, ...) at equidistant points of a flight to another number of points.
+    Return values (M, ...) at equidistant points of a flight interpolated linearly, (count, ...).
 
-    :param inner: whether the values belong to slots, which lie between start and goal.
+    :param inner: True for values of slots, which lie between start and goal. Before the first and
+        after the last given slot the value is constant. False for values from start to goal.
     """
     if count == len(values):
         return values.copy()
     last, more = len(values) - 1, int(inner)
+    # Index, with a fraction, of each new point among the given points.
     place = np.clip(np.arange(more, count + more) * (
         (last + 2 * more) / max(1, count - 1 + 2 * more)) - more, 0, last)
     before = place.astype(np.intp)
@@ -207,7 +211,7 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
 
 
 def resample_flights(positions: Array, slots: int) -> Array:
-    """Return positions (U, M+2, 2) over equal shares of a flight in N slots, (U, N+2, 2)."""
+    """Return positions (U, M+2, 2) of M slots interpolated linearly to N slots, (U, N+2, 2)."""
     return np.swapaxes(resample(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
 
 
@@ -239,16 +243,16 @@ class Receivers:
         """Return the receivers of a grid's scenario for the guarantee; see make_links."""
         grounds, centres, radii = grid.scenario.receivers_at(grid.times)
         listeners = grid.scenario.listeners
-        heard = grounds[list(listeners)]
-        positions = np.concatenate([grounds, centres, heard]).swapaxes(0, 1) - grid.origin
+        listening = grounds[list(listeners)]
+        positions = np.concatenate([grounds, centres, listening]).swapaxes(0, 1) - grid.origin
         radii = np.concatenate(
-            [np.zeros(grounds.shape[:2]), radii, np.zeros(heard.shape[:2])]).T
+            [np.zeros(grounds.shape[:2]), radii, np.zeros(listening.shape[:2])]).T
         link = make_links(grid.scenario, grid.length, grid.power, elevation_offset)
         return cls(positions / grid.length, radii / grid.length, link,
                    grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
-        """Return the receivers with P points for each disc of an eavesdropper, (N, E P, 2)."""
+        """Return receivers with P points (N, E P, 2) in place of E discs; all radii are 0."""
         nodes, listeners = len(self.weights), len(self.listeners)
         eves = self.radii.shape[1] - nodes - listeners
         copies = np.repeat(np.arange(self.radii.shape[1]), [
@@ -259,7 +263,7 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return rates of nodes (N, G), eavesdroppers and listeners at x (N, U, 3) in nats."""
+        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x, ignoring radii."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -58,7 +58,7 @@ class Problem:
             (measure_energies(self.scenario, positions) <= self.scenario.max_energies).all())
 
     def is_clear(self, positions: Array, raise_if_over: Callable[[], None] = lambda: None) -> bool:
-        """Return True if flights (U, N+2, 2) in m clear zones, fence and each other any time."""
+        """Return True if flights (U, N+2, 2) in m always clear zones, fence and each other."""
         clear = not self.airspace.far
         for limit in self.limits:
             if isinstance(limit, LineLimit):
@@ -74,19 +74,19 @@ class Problem:
         return True
 
     def retract(self, positions: Array) -> Array:
-        """Return positions (U, N+2, 2) in m, retracted by every limit."""
+        """Return nearly feasible positions (U, N+2, 2) in m made feasible by limit after limit."""
         for limit in self.limits:
             positions = limit.retract(positions)
         return positions
 
     def retract_powers(self, powers: Array) -> Array:
-        """Return powers (U, N) in W, retracted by every limit."""
+        """Return nearly feasible powers (U, N) in W made feasible by limit after limit."""
         for limit in self.limits:
             powers = limit.retract_powers(powers)
         return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """Move places (..., U, 2) in m 0.1 step inside the fence's hull, then out of obstacles."""
+        """Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles."""
         normals, offsets = self.airspace.hull
         free = places.copy()
         for uav, step in enumerate(self.grid.step_lengths.tolist()):
@@ -104,11 +104,13 @@ class Problem:
         """
         Return the routes of a UAV from each place to the next.
 
-        They keep the largest of a few distances from obstacles at which all routes exist.
+        They keep the largest distance of _DISTANCES from obstacles at which each pair of places
+        has a route. If there is none, some lists are empty.
 
+        :param uav: index of the UAV, which flies between `places`, (2,) each in m.
         :param most: largest number of routes between two places.
-        :return: the visibility graph, or None without obstacles, and the routes of
-            VisibilityGraph.find_routes for each pair of places.
+        :return: the visibility graph and, for each pair of successive places, its routes by
+            VisibilityGraph.find_routes. Without obstacles: None, and empty lists.
         """
         routes: list[list[Array]] = [[] for _ in places[1:]]
         for distance in _DISTANCES:
@@ -121,7 +123,7 @@ class Problem:
         return graph, routes
 
     def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
-        """Return the graph of a UAV that keeps a distance, in steps; None without obstacles."""
+        """Return a UAV's graph, `distance` step lengths from obstacles; None without obstacles."""
         if not self.airspace.obstacles[uav]:
             return None
         # UAVs that fly as high and as fast share a graph.
@@ -132,7 +134,7 @@ class Problem:
 
 
 def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
-    """Return a place moved into half-planes, by successive projections."""
+    """Return a place (2,) moved into the half-planes normals @ place <= offsets by projections."""
     for _ in range(100):
         beyond = normals @ place - offsets
         if (beyond <= 0).all():

@@ -58,7 +58,7 @@ class Restriction(NamedTuple):
 
 
 def alternate(incumbent: Incumbent) -> Status:
-    """Improve an incumbent by the paper's algorithm until a round gains less than TOLERANCE."""
+    """Improve an incumbent in rounds until one gains less than TOLERANCE; return the status."""
     for _ in range(MAX_ROUNDS):
         before = incumbent.rate
         solved = True
@@ -72,7 +72,7 @@ def alternate(incumbent: Incumbent) -> Status:
 
 
 def _improve(incumbent: Incumbent, step: str) -> bool:
-    """Solve the restriction of a step, 'power' or 'trajectory'; return True on success."""
+    """Try a step's answer, 'power' or 'trajectory', and longer moves; return True if solved."""
     positions, powers = incumbent.positions, incumbent.powers
     restrict = restrict_powers if step == 'power' else restrict_trajectories
     restriction = restrict(incumbent.scenario, positions, powers)
@@ -82,9 +82,9 @@ def _improve(incumbent: Incumbent, step: str) -> bool:
         name, local = ('powers', powers) if step == 'power' else ('positions', positions)
         move = restriction.get_answer() - local
         # The restriction bounds the rate from below. Beyond its optimum the rate may still rise.
-        length = 1.0
-        while incumbent.try_improve(**{name: local + length * move}):
-            length *= STRETCH
+        stretch = 1.0
+        while incumbent.try_improve(**{name: local + stretch * move}):
+            stretch *= STRETCH
     incumbent.report(step)
     return solved
 
@@ -93,9 +93,9 @@ def restrict_powers(scenario: Scenario, positions: Array, powers: Array) -> Rest
     """
     Return the convex restriction (13) of problem (11), which maximises the sum of rates.
 
-    Its optimum is a lower bound of the true sum of rates at the powers found, for the given
-    positions. All logarithms are natural, their arguments are 1 at the local point, and powers
-    are in units of the average power, because values near 1 keep the solver accurate.
+    Its objective, plus a constant, is a lower bound of the sum of rates in nats at the given
+    positions, exact at the local point. The concave logarithms have the argument 1 at the local
+    point, and powers are in units of the average power: values near 1 keep the solver accurate.
 
     :param positions: q_i[n], (U, N+2, 2) in m.
     :param powers: the local point p_i^(m)[n], (U, N) in W.
@@ -160,7 +160,7 @@ def restrict_trajectories(scenario: Scenario, positions: Array, powers: Array) -
 def _leakage_bounds(scenario: Scenario, unit: float, positions: Array, powers: Array, x: Any,
                     y: Any, paths: list[Any]) -> _Bound:
     """
-    Return convex upper bounds of the rate of each eavesdropper.
+    Return convex upper bounds of each eavesdropper's rate, and constraints that make them bounds.
 
     The rate is log(1 + all received power) - log(1 + received jamming), each logarithm bounded.
 
@@ -262,12 +262,12 @@ def _total(gains: Array, local: Array) -> Array:
 
 
 def _drop_transmitter(gains: Array) -> Array:
-    """Return the gains with zeros for the transmitter."""
+    """Return the gains (U, N) with zeros for UAV 0, the transmitter."""
     return np.concatenate([np.zeros_like(gains[:1]), gains[1:]])
 
 
 def _evaluate_link(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
-    """Return the gains and 1 / (d^2 + H^2), which equals -g' / g in free space only."""
+    """Return gains g and 1 / (d^2 + H^2), which is -dg/d(d^2) / g in free space only."""
     return link.gain(squared), 1 / (squared + link.squared_altitudes)
 
 

@@ -26,7 +26,7 @@ class Deadline:
     :param time_limit: limit of the time [s] from now, or None.
     :param period: time [s] without a report after which raise_if_over reports the last Iteration
         again.
-    :param goal: words for the error texts: what was not found before the call had to end.
+    :param goal: words for error texts: what the call had not yet found when it had to end.
     :ivar is_cancelled: whether the callback has cancelled.
     """
 
@@ -93,7 +93,7 @@ class Deadline:
 
 
 def run_to_end(method: Callable[..., Status], *arguments: object) -> Status:
-    """Call a method; return its status, or the status that belongs to the error that ended it."""
+    """Return a method's status, or the status of a stop, time limit or numerical error in it."""
     try:
         return method(*arguments)
     except (StoppedError, TimeLimitError, NumericalError) as error:

@@ -53,7 +53,7 @@ class Incumbent:
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self.rate = powers, -math.inf
         self._keeps_energy = True
-        self._longest = 0.0  # Longest duration of try_improve [s].
+        self._longest_try = 0.0  # Longest duration of try_improve [s].
         self.try_improve()
         if not problem.keeps_energy(positions):
             self._keeps_energy, self.rate = False, -math.inf  # Below any flights that keep it.
@@ -62,11 +62,11 @@ class Incumbent:
 
     def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
         """
-        Retract an iterate to the limits, and keep it if it is feasible and its rate is higher.
+        Retract an iterate to the limits; keep it if it is then feasible and its rate is higher.
 
         :param positions: (U, N+2, 2) in m, or None for the present positions.
         :param powers: (U, N) in W, or None for the present powers.
-        :return: the gain in the objective [bit/s/Hz], or 0 if the iterate is not kept.
+        :return: the rise of the rate [bit/s/Hz], or 0 if the iterate is not kept.
         """
         began = time.monotonic()
         if positions is None:
@@ -78,11 +78,11 @@ class Incumbent:
             if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
                 return 0.0
         powers = self.powers if powers is None else self.problem.retract_powers(powers)
-        powers, rates = mute_nonpositive_slots(self.scenario, positions, powers, self.objective)
+        powers, rates = mute_negative_slots(self.scenario, positions, powers, self.objective)
         rates = np.where(rates > self._negligible, rates, 0.0)
         shares = find_shares(self.scenario, rates)
         rate = find_least_rate(self.scenario, (shares * rates).mean(axis=1))
-        self._longest = max(self._longest, time.monotonic() - began)
+        self._longest_try = max(self._longest_try, time.monotonic() - began)
         gain = rate - self.rate
         if not gain > 0:  # A gain that is NaN is refused as well.
             return 0.0
@@ -92,16 +92,16 @@ class Incumbent:
         return gain
 
     def raise_if_over(self) -> None:
-        """Raise the deadline's error if no time is left to try an iterate in each incumbent."""
-        # Enclosing incumbents try the result as well, in at most _longest s each.
-        reserve, parent = self._longest, self._parent
+        """Raise the deadline's error if no time is left to try an iterate here and in parents."""
+        # Enclosing incumbents try the result as well, in at most _longest_try s each.
+        reserve, parent = self._longest_try, self._parent
         while parent is not None:
-            reserve, parent = reserve + parent._longest, parent._parent
+            reserve, parent = reserve + parent._longest_try, parent._parent
         self.deadline.raise_if_over(reserve)
 
     def try_less_jamming(self) -> None:
         """
-        Try less jamming power, and no jamming at all.
+        Try the present jamming powers times each of _JAMMING_SHARES, then slots without jamming.
 
         Powers have local optima, and optima with much jamming are usually worse than others.
         """
@@ -119,8 +119,8 @@ class Incumbent:
         Try the powers of the nearest useful slots in idle slots, then no power in idle slots.
 
         A slot is idle if its rate is at most _IDLE_SHARE of the mean rate, otherwise useful. In
-        idle slots powers are in a local optimum: silence, or too much jamming. Without power in
-        idle slots, useful slots are scaled up to the mean power that each UAV had before.
+        idle slots powers are in a local optimum: silence, or too much jamming. In the second try,
+        powers of useful slots are scaled up so that each UAV's mean power stays.
         """
         most = _IDLE_SHARE * self.rate  # Largest rate of an idle slot.
         idle, useful = np.flatnonzero(self._rates <= most), np.flatnonzero(self._rates > most)
@@ -132,7 +132,7 @@ class Incumbent:
         powers, best = self.powers.copy(), np.full(len(idle), most)
         for neighbour in (after - 1, after):
             tried = self.powers[:, useful[neighbour.clip(0, len(useful) - 1)]]
-            _, rates = mute_nonpositive_slots(
+            _, rates = mute_negative_slots(
                 self.scenario, positions, tried, self.objective, times)
             rates = rates.max(axis=0)
             better = rates > best
@@ -144,17 +144,17 @@ class Incumbent:
         self.try_improve(powers=quiet * (self.powers.mean(axis=1) / spent)[:, None])
 
     def with_objective(self, objective: Objective) -> 'Incumbent':
-        """Return an incumbent from the present iterate for another objective, enclosed by this."""
+        """Return an incumbent from this one's iterate for an objective, with this as parent."""
         return Incumbent(self.problem, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
     def without_energy_limits(self, objective: Objective) -> 'Incumbent':
-        """Return an incumbent from the present iterate without max_energy, enclosed by this."""
+        """Return an incumbent from this one's iterate without max_energy, with this as parent."""
         return Incumbent(Problem(lift_limits(self.scenario)), self.positions, self.powers,
                          self.deadline, self.warm, objective, parent=self)
 
     def report(self, step: str) -> None:
-        """Report the outermost incumbent's iterate: add to its history and call the callback."""
+        """Add the outermost incumbent's iterate to its history, and report it to the deadline."""
         if self._parent is not None:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
@@ -170,7 +170,7 @@ class Incumbent:
         return np.where(self._rates > 0.0, self.powers, 0.0)
 
     def to_plan(self, method: str, status: Status) -> Plan:
-        """Return the iterate as a Plan, whose slots of rate 0 send no power."""
+        """Try idle slots if time is left; return a Plan that is silent in slots of rate 0."""
         if not self.deadline.poll():
             self.try_idle_slots()
         if self.rate > self.history[-1].rate:
@@ -180,11 +180,11 @@ class Incumbent:
                     objective=self.objective, shares=self.shares)
 
 
-def mute_nonpositive_slots(scenario: Scenario, positions: Array, powers: Array,
-                           objective: Objective = 'guaranteed', times: Array | None = None
-                           ) -> tuple[Array, Array]:
+def mute_negative_slots(scenario: Scenario, positions: Array, powers: Array,
+                        objective: Objective = 'guaranteed', times: Array | None = None
+                        ) -> tuple[Array, Array]:
     """
-    Return powers without transmission in slots whose rates are all negative, and the rates.
+    Return powers with 0 for the transmitter in slots whose rates are all negative, and the rates.
 
     :param times: as for guaranteed_rates.
     :return: powers (U, N) in W and rates [R]^+ of each ground node (G, N) in bit/s/Hz.
@@ -198,17 +198,17 @@ def mute_nonpositive_slots(scenario: Scenario, positions: Array, powers: Array,
 def find_powers_without_jamming(scenario: Scenario, positions: Array,
                                 share: float = 1.0) -> Array | None:
     """
-    Return powers that transmit only in slots with a positive guaranteed rate without jamming.
+    Return powers without jamming that transmit only in slots with a positive guaranteed rate.
 
-    The slots are judged at `share` times the average power in every slot.
+    Rates are judged at `share` times the average power in every slot, not at returned powers.
 
     :param share: mean of the returned powers over the transmitter's average power.
     :return: powers (U, N) in W, or None if no slot has a positive rate.
     """
     powers = np.zeros((len(scenario.uavs), scenario.slots))
     powers[0] = share * scenario.average_powers[0]
-    winning = guaranteed_rates(scenario, positions, powers) > 0
-    if not winning.any():
+    is_positive = guaranteed_rates(scenario, positions, powers) > 0
+    if not is_positive.any():
         return None
-    powers[0] *= winning / winning.mean()
+    powers[0] *= is_positive / is_positive.mean()
     return powers

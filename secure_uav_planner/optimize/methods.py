@@ -101,9 +101,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
 
 def _improve_from_scratch(incumbent: Incumbent, status: Status, baseline: Array | None) -> Status:
     """
-    Plan from scratch and keep the better plan in an Incumbent; return the better plan's status.
+    Plan from scratch if time is left; keep the better plan in an Incumbent, and return its status.
 
-    :param status: status of the incumbent's present plan.
+    :param status: status of the present plan; 'cancelled' replaces it if the callback cancels.
     :param baseline: fly_hover_fly_positions, or None if they are not yet computed.
     """
     problem, deadline = incumbent.problem, incumbent.deadline
@@ -154,7 +154,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
 
 def _build_deadline(problem: Problem, on_iteration: OnIteration | None,
                     time_limit: float | None) -> Deadline:
-    """Return the Deadline of a call, after checking the callback and the time limit."""
+    """Return the Deadline of a call; raise OptionError for a wrong callback or time limit."""
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_iteration', on_iteration)
     return Deadline(on_iteration, time_limit, math.inf if problem.airspace.is_open else _PERIOD)
@@ -177,7 +177,7 @@ def check_objective(method: str, objective: str | None = None) -> Objective:
 
 
 def _check_scope(scenario: Scenario) -> None:
-    """Refuse a scenario that the alternating method cannot plan."""
+    """Raise OptionError, naming the field, for a scenario that 'alternating' cannot plan."""
     limits: dict[FieldPath, Any] = {
         ('no_fly_zones',): scenario.no_fly_zones, ('geofence',): scenario.geofence,
         ('separation',): scenario.separation,

@@ -11,9 +11,10 @@ from ..plan.plan import Plan
 
 def order_nodes(scenario: Scenario) -> list[int]:
     """
-    Return the indices of the ground nodes by bearing, which a rotated map leaves as they are.
+    Return the indices of the ground nodes, sorted by bearing: the same order on a rotated map.
 
-    A bearing is the angle at the mean of the nodes from UAV 0's start to the node, at half time.
+    A bearing [rad] is the counterclockwise angle, at the mean of all nodes' places at half time,
+    from UAV 0's start to a node. Nodes of one bearing are sorted by distance, then by data.
     """
     grounds = scenario.receivers_at([scenario.duration / 2]).ground_nodes[:, 0]
     # The exact sum does not depend on the order.
@@ -40,7 +41,7 @@ def reorder_nodes(scenario: Scenario, order: list[int]) -> Scenario:
 
 
 def restore_nodes(plan: Plan, scenario: Scenario, order: list[int]) -> Plan:
-    """Return a plan for a scenario whose nodes were reordered for it."""
+    """Return the plan of a reordered scenario as a plan of `scenario`, with its order of nodes."""
     if order == sorted(order):
         return plan
     return replace(plan, scenario=scenario, shares=plan.shares[np.argsort(order)])

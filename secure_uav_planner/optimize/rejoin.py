@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from .incumbent import mute_nonpositive_slots
+from .incumbent import mute_negative_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
@@ -124,10 +124,10 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
     for index, path in paths.items():
         positions[index] = path
-    left = reduce_budgets(plan.scenario, positions, point)
+    reduced = reduce_budgets(plan.scenario, positions, point)
     for index, path in paths.items():
         uavs[index] = replace(
-            uavs[index], start=_to_point(path[-1]), max_energy=left[index].max_energy,
+            uavs[index], start=_to_point(path[-1]), max_energy=reduced[index].max_energy,
             start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = move_receivers(
@@ -142,7 +142,7 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     if point > first:
         # On the new paths, slots whose rates are all negative are silent.
         times: Array = np.arange(first + 1.0, point + 1) * step
-        powers[:, first:], rates = mute_nonpositive_slots(
+        powers[:, first:], rates = mute_negative_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
             plan.objective, times)
         if len(rates) > 1:
@@ -176,6 +176,7 @@ class _RecoveryPath:
     """
     Paths of a UAV from the last kept point of its plan to its predicted states.
 
+    :param playback: playback of the plan; `uav` is the UAV's index.
     :param first: index of the last kept point.
     :param begin: the UAV with the plan's state at the last kept point as its start.
     :param state: the measured state of the UAV.
@@ -229,20 +230,20 @@ class _RecoveryPath:
         return np.concatenate([self._path[:self._first], begin + points, end[1:]])
 
 
-def _list_recovery_paths(plan: Plan, first: int, now: Scenario,
+def _list_recovery_paths(plan: Plan, first: int, tail: Scenario,
                          states: Sequence[MeasuredState | None],
                          tolerance: float) -> dict[int, _RecoveryPath]:
-    """Return the recovery paths, by index, of UAVs that are off their plan at point `first`."""
+    """Return recovery paths, by index, of UAVs off their plan at point `first` (none at 0)."""
     if first == 0 or all(state is None for state in states):
         return {}
     playback = Playback(plan)
-    recoveries = {uav: _RecoveryPath(playback, uav, first, now.uavs[uav], state, tolerance)
+    recoveries = {uav: _RecoveryPath(playback, uav, first, tail.uavs[uav], state, tolerance)
                   for uav, state in enumerate(states) if state is not None}
     return {uav: recovery for uav, recovery in recoveries.items() if not recovery.is_on_plan(0)}
 
 
 def _find_paths(recoveries: dict[int, _RecoveryPath], point: int) -> dict[int, Array] | None:
-    """Return each UAV's path to a point, (point + 1, 2) in m, or None if one cannot be flown."""
+    """Return each UAV's path to a point, (point + 1, 2) in m, or None if any UAV has none."""
     paths = {}
     for uav, recovery in recoveries.items():
         path = recovery.find_path(point)
@@ -253,7 +254,7 @@ def _find_paths(recoveries: dict[int, _RecoveryPath], point: int) -> dict[int, A
 
 
 def _list_candidates(first: int, slots: int) -> list[int]:
-    """Return the points to try as the beginning of a replan: dense near `first`, then sparser."""
+    """Return the points to try for a replan, `first` to slots - 1, at growing distances."""
     points, step = [first], 1.0
     while points[-1] + 1 < slots:
         points.append(min(slots - 1, points[-1] + math.floor(step)))

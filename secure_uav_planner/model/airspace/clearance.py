@@ -45,12 +45,12 @@ class Pieces(NamedTuple):
     accelerations: Array
 
     def take(self, *index: Any) -> 'Pieces':
-        """Return pieces by their indices in the leading axes of the arrays, the last in time."""
+        """Return pieces by indices of the leading axes of the arrays; the last is for axis K."""
         return Pieces(self.times[index[-1]], self.half, self.positions[index],
                       self.velocities[index], self.accelerations[index])
 
     def at(self, by: Array) -> Array:
-        """Return positions at times from the middles, (..., K) in s."""
+        """Return positions (..., K, 2) in m, of piece k at by[..., k] seconds from its middle."""
         return (self.positions + self.velocities * by[..., None]
                 + self.accelerations * (by[..., None]**2 / 2))
 
@@ -63,12 +63,13 @@ class Pieces(NamedTuple):
 
 def least_distance(pieces: Pieces) -> tuple[Array, Array]:
     """
-    Return the least distances (K,) of pieces from (0, 0), and their times from the middles, (K,).
+    Return the least distances [m] of pieces from (0, 0), and their times [s] from the middles.
 
-    A piece is at p + v t + a t^2 / 2 for |t| <= half, with arrays p, v and a (K, 2). Half the
-    derivative of the squared distance is the cubic polynomial with the coefficients `cubic`,
-    `square`, `linear` and `constant`. It rises before `first` and after `second`, the roots of its
-    own derivative, and its zero on each of these sides is found by bisection.
+    Both are (K,). A piece is at p + v t + a t^2 / 2 for |t| <= half, with arrays p, v and a
+    (K, 2). Half the derivative of the squared distance is f = cubic t^3 + square t^2 + linear t +
+    constant. The distance is least at a zero of f where f rises, or at an end of the piece. f
+    rises from -half to `first` and from `second` to half: the roots of f', or both half without
+    roots. Bisection of either interval ends at a zero of f, or at an end of the interval.
     """
     position, velocity, acceleration = pieces.positions, pieces.velocities, pieces.accelerations
     cubic = 0.5 * (acceleration**2).sum(axis=-1)
@@ -81,8 +82,8 @@ def least_distance(pieces: Pieces) -> tuple[Array, Array]:
     for low, high in ((-half, first), (second, half)):
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            rises = constant + middle * (linear + middle * (square + middle * cubic)) > 0
-            low, high = np.where(rises, low, middle), np.where(rises, middle, high)
+            recedes = constant + middle * (linear + middle * (square + middle * cubic)) > 0
+            low, high = np.where(recedes, low, middle), np.where(recedes, middle, high)
         zero = (low + high) / 2
         distance = np.linalg.norm(pieces.at(zero), axis=-1)
         time = np.where(distance < least, zero, time)
@@ -92,18 +93,18 @@ def least_distance(pieces: Pieces) -> tuple[Array, Array]:
 
 def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Return two times [s] from piece k's middle, and if it crosses edge k then, (K, 2) each.
+    Return two times [s] from piece k's middle, and whether it crosses edge k then, (K, 2) each.
 
     A piece crosses the edge's line at most twice, at the roots of a quadratic polynomial. It
-    crosses the edge at these times if they are within the piece, between the edge's corners.
+    crosses the edge at a root if |root| <= half and its place then is between the edge's corners.
     Pieces have arrays (K, 2), and edges are pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    places = _find_roots((pieces.accelerations * normal).sum(axis=1) / 2,
-                         (pieces.velocities * normal).sum(axis=1) / 2,
-                         ((pieces.positions - begin) * normal).sum(axis=1), np.inf)
-    times = np.stack(places, axis=1)
+    roots = _find_roots((pieces.accelerations * normal).sum(axis=1) / 2,
+                        (pieces.velocities * normal).sum(axis=1) / 2,
+                        ((pieces.positions - begin) * normal).sum(axis=1), np.inf)
+    times = np.stack(roots, axis=1)
     inside = np.abs(times) <= pieces.half * (1 + _ROUNDING)
     times = np.clip(times, -pieces.half, pieces.half)
     share = np.stack([((pieces.at(by) - begin) * along).sum(axis=1) for by in times.T], axis=1)
@@ -115,20 +116,22 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     """
     Return the least distance [m] of piece k to edge k, and its time [s] from the middle, (K,).
 
-    Candidates of the time are the times nearest to the edge's line and to its two corners, the
-    two crossings of the edge, and both ends of the piece. Pieces have arrays (K, 2), and edges are
-    pairs of corners, (K, 2, 2) in m.
+    Candidates of the time are the time at which the signed distance to the edge's line has a zero
+    derivative, the times nearest to both corners, up to two crossings of the edge, and both ends
+    of the piece. Pieces have arrays (K, 2), and edges are pairs of corners, (K, 2, 2) in m.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
     half = np.full(len(edges), pieces.half)
     bend, slope = ((part * normal).sum(axis=1)
                    for part in (pieces.accelerations, pieces.velocities))
-    line = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
+    # Candidates that do not exist within the piece are replaced by its end, half.
+    level = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
     corners = [least_distance(pieces._replace(positions=pieces.positions - edges[:, end]))[1]
                for end in range(2)]
     crossings, crosses = find_crossings(pieces, edges)
-    times = np.stack([line, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
+    times = np.stack([
+        level, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
     offsets = pieces.at(times) - begin
     square = np.maximum((along**2).sum(axis=1), _POINT)
     share = np.clip((offsets * along).sum(axis=-1) / square, 0, 1)
@@ -141,13 +144,14 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
 def _find_roots(square: Array, half_linear: Array, constant: Array,
                 most: float) -> tuple[Array, Array]:
     """
-    Return the smaller and the larger root of square t^2 + 2 half_linear t + constant.
+    Return the smaller and the larger root of square t^2 + 2 half_linear t + constant, (K,) each.
 
-    The roots are limited to the interval from -most to most. Without a root both are most.
+    Both are clipped to [-most, most]. Without a real root both are most. A linear polynomial has a
+    second root at plus or minus infinity.
     """
     discriminant = half_linear**2 - square * constant
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        # Without cancellation, and with a root at infinity where the polynomial is linear.
+        # The sum of equal signs has no cancellation; constant / scaled is the other root.
         scaled = -(half_linear + np.copysign(np.sqrt(discriminant), half_linear))
         first, second = scaled / square, constant / scaled
     first, second = (np.where(np.isnan(first), second, first),
@@ -159,7 +163,7 @@ def _find_roots(square: Array, half_linear: Array, constant: Array,
 
 
 def find_unseparated_pair(scenario: Scenario) -> tuple[str, str] | None:
-    """Return two UAVs that may come within CLOSE_DISTANCE and margins, or None if none may."""
+    """Return names of two UAVs that neither a separation nor altitudes keep apart, or None."""
     least = CLOSE_DISTANCE + 2 * scenario.tracking_margin
     for first, second in combinations(scenario.uavs, 2):
         if scenario.separation == 0 and abs(first.altitude - second.altitude) < least:
@@ -220,7 +224,7 @@ class Clearance:
 
     @cached_property
     def between_uavs(self) -> Approach | None:
-        """Smallest distance between any two UAVs, or None with only one."""
+        """Closest approach of any two UAVs in space, or None with a single UAV."""
         uavs, pieces = self._scenario.uavs, self._pieces
         pairs = np.array(list(combinations(range(len(uavs)), 2)), int).reshape(-1, 2)
         if not len(pairs):
@@ -231,6 +235,7 @@ class Clearance:
             for values in (pieces.positions, pieces.velocities, pieces.accelerations)))
         heights = self._scenario.altitudes[first] - self._scenario.altitudes[second]
         middle = np.hypot(np.linalg.norm(relative.positions, axis=-1), heights[:, None])
+        # Only pieces are examined that may come nearer than the nearest middle within their reach.
         least = middle - np.linalg.norm(relative.reach, axis=-1)
         pair, piece = np.nonzero(least <= middle.min())
         horizontal, delays = least_distance(relative.take(pair, piece))
@@ -242,13 +247,13 @@ class Clearance:
 
     @property
     def uavs_beyond_margin(self) -> float:
-        """Distance that two errors of tracking_margin leave between UAVs, m; infinite for one."""
+        """Least distance [m] of two UAVs minus 2 tracking_margin; infinite for a single UAV."""
         least = self.between_uavs
         return math.inf if least is None else least.distance - 2 * self._scenario.tracking_margin
 
     @property
     def zones_beyond_margin(self) -> float:
-        """Distance that an error of tracking_margin leaves to zones, m; infinite without any."""
+        """Least distance [m] of a UAV to a zone minus tracking_margin; infinite without zones."""
         least = self.to_zones
         return math.inf if least is None else least.distance - self._scenario.tracking_margin
 
@@ -259,20 +264,20 @@ class Clearance:
 
     @property
     def between_uavs_text(self) -> str:
-        """Closest approach of UAVs in words, with the remedy if it is too close."""
+        """Closest approach of UAVs in words, with advice if it is_close; '' for a single UAV."""
         least, margin = self.between_uavs, self._scenario.boundaries.margin_text
         if least is None:
             return ''
-        left = margin and f' ({self.uavs_beyond_margin:.1f} m{margin})'
+        rest = margin and f' ({self.uavs_beyond_margin:.1f} m{margin})'
         text = (f'{least.names[0]} and {least.names[1]} come within {least.distance:.1f} m of '
-                f'each other{left}')
+                f'each other{rest}')
         return text if not self.is_close else (
             f'{text} at {least.time:.1f} s, less than {CLOSE_DISTANCE:g} m{margin}; set '
             'separation to keep them apart')
 
     @cached_property
     def to_zones(self) -> Approach | None:
-        """Smallest distance of a UAV to a zone at its altitude, without margin, or None."""
+        """Closest approach of a UAV to a zone at its altitude, without margin, or None."""
         nearest = (self._find_nearest_zone(number, uav)
                    for number, uav in enumerate(self._scenario.uavs))
         return min((approach for approach in nearest if approach is not None), default=None)
@@ -286,12 +291,12 @@ class Clearance:
         return Pieces(times, curve.piece / 2, *curve.at(times)[:3])
 
     def _check_area(self, number: int, uav: Uav) -> None:
-        """Check the zones and the fence of one UAV."""
+        """Raise PlanError, with the largest depth, if a UAV enters a zone or leaves the fence."""
         boundaries, pieces = self._scenario.boundaries, self._pieces.take(number, slice(None))
         zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
         texts = [f'inside {name}' for _, name in zones]
-        # Deeper in a zone than the tolerance, and farther from the fence.
+        # Zones shrunk by the tolerance, and all that is outside the fence enlarged by it.
         forbidden = [shape.buffer(-POSITION_TOLERANCE, join_style='mitre') for shape in shapes]
         if boundaries.keep_in is not None:
             shapes.append(shapely.Polygon(boundaries.keep_in))
@@ -301,7 +306,7 @@ class Clearance:
         index, times = _find_entry(pieces, forbidden)
         if not len(times):
             return
-        # The UAV is either inside or outside from one entry, or end of the flight, to the next.
+        # The UAV neither enters nor leaves between two successive times: one middle is enough.
         ends = np.array([self._curve.begin, *times, self._curve.end])
         times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
         points = shapely.points(self._curve.at(times).positions[number])
@@ -313,7 +318,7 @@ class Clearance:
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
         """
-        Return the smallest distance of a UAV to the zones at its altitude, or None without zones.
+        Return the closest approach of a UAV to the zones at its altitude, or None without zones.
 
         :param number: index of the UAV.
         """
@@ -339,11 +344,12 @@ class Clearance:
 
 def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
     """
-    Return the index of the first polygon that a motion enters, and times near its entries.
+    Return the least index of the polygons that a motion enters, and times at or in that polygon.
 
-    Without an entry, the index is the number of polygons and there are no times.
+    The times [s], sorted, are from point 0: middles of pieces in the polygon, and crossings of its
+    outline. Without an entry, the index is the number of polygons and there are no times.
 
-    :param pieces: pieces of the motion, each with constant acceleration.
+    :param pieces: pieces of the motion, with arrays (K, 2).
     """
     middles = shapely.points(pieces.positions)
     piece, entered = shapely.STRtree(polygons).query(middles, predicate='intersects')
@@ -360,7 +366,7 @@ def _find_entry(pieces: Pieces, polygons: Sequence[Any]) -> tuple[int, Array]:
 
 
 def _list_edges(polygons: Sequence[Any]) -> tuple[Array, NDArray[np.intp], Any]:
-    """Return the polygons' edges (E, 2, 2) in m, each edge's polygon (E,), and an STRtree."""
+    """Return edges (E, 2, 2) in m, the index of each edge's polygon (E,), and their STRtree."""
     parts, owner = shapely.get_parts(np.array(polygons, object), return_index=True)
     rings, part = shapely.get_rings(parts, return_index=True)
     corners, ring = shapely.get_coordinates(rings, return_index=True)

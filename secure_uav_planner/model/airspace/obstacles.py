@@ -34,7 +34,7 @@ class Airspace:
 
     @cached_property
     def is_open(self) -> bool:
-        """Whether there are no zones, no fence and no separation."""
+        """Whether there is no fence, no UAV has an obstacle, and `separations` are all 0."""
         return not (self.scenario.geofence or any(self.obstacles) or self.separations.any())
 
     @cached_property
@@ -42,7 +42,7 @@ class Airspace:
         """
         Obstacles of each UAV: convex parts of zones, and of the fence's hull without the fence.
 
-        Only zones at the UAV's altitude are obstacles, except far ones.
+        Zones at other altitudes and zones in `far` are left out.
         """
         boundaries = self.scenario.boundaries
         outside = [] if boundaries.keep_in is None else [
@@ -57,10 +57,11 @@ class Airspace:
     @cached_property
     def far(self) -> frozenset[str]:
         """
-        Names of the zones that are farther away than the mission's diameter.
+        Names of the zones that are farther from the mission than its size.
 
-        The diameter is the diagonal of the box around starts, goals and receivers, together with
-        the largest altitude and the braking distances of UAVs that do not begin and end at rest.
+        The mission is the convex hull of starts, goals and receivers. Its size is the root of the
+        sum of squares of width, length, largest altitude, and max_speed^2 / max_acceleration of
+        each UAV that does not begin and end at rest.
         """
         scenario = self.scenario
         size = math.hypot(*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max(), *(
@@ -81,7 +82,7 @@ class Airspace:
 
     @cached_property
     def separations(self) -> Array:
-        """Smallest horizontal distance between UAVs at their altitudes, (U, U) in m."""
+        """Least allowed horizontal distance of two UAVs, (U, U) in m; 0 if altitudes suffice."""
         heights = self.scenario.altitudes
         squares = self.scenario.boundaries.keep_apart**2 - (heights[:, None] - heights)**2
         return read_only(np.sqrt(np.maximum(squares, 0.0)) * (1 - np.eye(len(heights))))

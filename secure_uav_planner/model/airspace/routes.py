@@ -19,37 +19,44 @@ _MOST_CORNERS = 250  # Outlines of obstacles with more corners are simplified.
 _ROUNDING = 1e-6  # Depth [m] by which a route may cut into an obstacle.
 
 Edges: TypeAlias = NDArray[np.intp]
-"""Pairs of places, by their indices, (2, M)."""
+"""Indices of the two places of each of M edges, (2, M)."""
 
 
 class VisibilityGraph:
-    """The visibility graph of a UAV's obstacles, enlarged by a distance in m."""
+    """
+    The corners of a UAV's enlarged obstacles, and the edges between corners that see each other.
+
+    :param uav: index of the UAV.
+    :param distance: distance [m] by which obstacles are enlarged, and which routes keep.
+    """
 
     def __init__(self, airspace: Airspace, uav: int, distance: float) -> None:
         solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
                                    for obstacle in airspace.obstacles[uav]])
         enlarged = solid.buffer(distance, join_style='mitre')
-        # Outlines with too many corners are simplified, and enlarged by as much.
+        # Simplifying moves an outline by up to `coarseness`, so it is enlarged by as much more.
         coarseness = distance / 4
         while shapely.get_num_coordinates(enlarged) > _MOST_CORNERS:
             enlarged = solid.simplify(coarseness).buffer(
                 distance + coarseness, join_style='mitre')
             coarseness *= 2
         self._parts = shapely.get_parts(enlarged)
+        # Both are shrunk a little, so that edges along their outlines do not intersect them.
         self._solid = solid.buffer(-_ROUNDING)
         self._enlarged = enlarged.buffer(-max(_ROUNDING, distance / 100), join_style='mitre')
         shapely.prepare([self._solid, self._enlarged])
         corners = shapely.get_coordinates(enlarged)
+        # Corners outside the fence's hull are left out.
         self._normals, self._offsets = airspace.hull
         self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
         self._edges = self._select_visible(
             self._corners, np.array(np.triu_indices(len(self._corners), 1)))
 
     def _select_visible(self, places: Array, edges: Edges) -> Edges:
-        """Return the edges (2, M), pairs of places (K, 2), without an obstacle in between."""
+        """Return the edges (2, M) between places (K, 2) in m that no enlarged obstacle blocks."""
         lines = draw_edges(places, edges)
         free = ~shapely.intersects(self._enlarged, lines)
-        # An edge that ends within the distance of an obstacle must clear the obstacle itself.
+        # An edge with an end inside an enlarged obstacle must only clear the real obstacles.
         inside = shapely.contains_xy(self._enlarged, *places[edges].T).any(axis=1)
         again = np.flatnonzero(~free & inside)
         free[again] = ~shapely.intersects(self._solid, lines[again])
@@ -57,11 +64,11 @@ class VisibilityGraph:
 
     def find_routes(self, begin: Array, end: Array, most: int) -> list[Array]:
         """
-        Return routes between two places, the shortest first, each (K, 2) in m.
+        Return the shortest route between two places and alternatives, each (K, 2) in m.
 
-        Each alternative passes one obstacle of the shortest route on the opposite side: it may
+        An alternative is the shortest route that passes one obstacle on the opposite side. It may
         not cross the ray from inside the obstacle through the corner that the shortest route
-        touches.
+        touches. Alternatives are not sorted by length. Without a route the list is empty.
 
         :param begin: the first place, (2,) in m.
         :param end: the last place, (2,) in m.
@@ -87,13 +94,13 @@ class VisibilityGraph:
         return routes
 
     def measure_distances(self, begins: Array, end: Array) -> Array:
-        """Return the lengths of the shortest routes from places (M, 2) to an end, (M,) in m."""
+        """Return lengths of shortest routes from places (M, 2) to `end`, (M,) in m; may be inf."""
         places, edges = self._insert(np.concatenate([begins, end[None]]))
         [distances] = measure_paths(places, edges, [len(places) - 1])
         return np.asarray(distances[-1 - len(begins):-1])
 
     def find_nearest_free(self, place: Array) -> Array:
-        """Return a place moved out of the obstacles to the distance that routes keep, (2,)."""
+        """Return a place (2,) in m, or the nearest outline point of the part that contains it."""
         point = shapely.Point(place)
         for part in self._parts:
             if part.contains(point):
@@ -102,7 +109,7 @@ class VisibilityGraph:
 
     def _insert(self, extra: Array) -> tuple[Array, Edges]:
         """
-        Return the corners followed by extra places, and the visible edges of the graph.
+        Return the corners followed by extra places, (K, 2) in m, and their visible edges (2, M).
 
         Extra places are joined to all corners and to the last extra place.
         """
@@ -117,13 +124,15 @@ class VisibilityGraph:
 
 
 def draw_edges(places: Array, edges: Edges) -> NDArray[Any]:
-    """Return the straight lines between pairs of places (K, 2), (M,)."""
+    """Return the straight line of each edge (2, M) between places (K, 2), (M,)."""
     return np.asarray(shapely.linestrings(places[edges].swapaxes(0, 1)))
 
 
 def measure_paths(places: Array, edges: Edges, begins: Sequence[int]) -> Array:
     """
-    Return the lengths of the shortest paths along edges, (B, K) in m, infinite where is none.
+    Return the lengths of the shortest paths along edges from B places to all K, (B, K) in m.
+
+    A length is infinite without a path.
 
     :param places: (K, 2) in m.
     :param begins: indices of the B places where paths begin.
@@ -133,15 +142,15 @@ def measure_paths(places: Array, edges: Edges, begins: Sequence[int]) -> Array:
 
 
 def _build_matrix(places: Array, edges: Edges) -> Any:
-    """Return the sparse matrix of the lengths of edges between places."""
+    """Return the lengths [m] of edges (2, M) between places (K, 2) as a sparse matrix (K, K)."""
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
-    # SciPy 1.11 has csgraph for indices of 32 bits only.
+    # A length of 0 would be no edge. SciPy 1.11 has csgraph for indices of 32 bits only.
     return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), edges.astype(np.int32)),
                                   shape=(len(places),) * 2)
 
 
 def _find_shortest_route(places: Array, edges: Edges) -> Array | None:
-    """Return the shortest route from the last place but one to the last, or None."""
+    """Return the shortest route from the last place but one to the last, (M, 2), or None."""
     begin, end = len(places) - 2, len(places) - 1
     lengths, before = scipy.sparse.csgraph.dijkstra(
         _build_matrix(places, edges), directed=False, indices=begin, return_predecessors=True)

@@ -34,19 +34,19 @@ class FreeSpace:
     squared_altitudes: Array
 
     def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
-        """Return the link with the SNR of each receiver multiplied by its advantage."""
+        """Return the link with each receiver's reference_snr multiplied by its advantage."""
         return replace(self, reference_snr=self.reference_snr * advantages)
 
     def gain(self, squared: Array) -> Array:
-        """Return the gain over the noise power at squared horizontal distances."""
+        """Return the gain over the noise power, g / sigma^2, at squared horizontal distances."""
         return self.reference_snr / (squared + self.squared_altitudes)
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain for uniform samples in [0, 1) of whether there is a line of sight."""
+        """Return the gain, with a line of sight where its probability is above a random number."""
         return self.gain(squared)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
-        """Return the link to a selection of the K receivers, for arrays (..., K, U)."""
+        """Return the link to the receivers of K' indices, for arrays (..., K', U)."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
     def compiled(self, receivers: int, uavs: int) -> core.LinkGains:
@@ -136,8 +136,10 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
     """
     Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
 
-    The guarantee uses these gains. With a stated outage they are quantiles on the bad side.
-    Otherwise they are means; a cautious channel has a line of sight on the bad side.
+    The guarantee uses these gains. Harmful links are from the transmitter to an eavesdropper, and
+    from jammers to a ground node; all other links are helpful. With a stated outage, gains are
+    high quantiles for harmful links and low quantiles for helpful links. Without an outage gains
+    are means. Harmful links of a cautious channel then always have a line of sight.
 
     :param axes: number of axes of the squared distances behind the axis of the UAVs.
     :param altitudes: altitudes of the UAVs in m, shaped like the squared distances; by default
@@ -151,7 +153,7 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
 def make_links(scenario: Scenario, length: float, power: Array,
                elevation_offset: float = 0.0) -> FreeSpace:
     """
-    Return the links to K receivers as in a Grid's Receivers, for arrays (..., K, U).
+    Return the links to the K receivers of a Grid's Receivers, for arrays (..., K, U) in units.
 
     :param length: unit of length in m.
     :param power: units of the UAVs' powers in W, (U,).
@@ -170,38 +172,40 @@ def make_links(scenario: Scenario, length: float, power: Array,
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
           snr: Array | float, altitudes: Array, elevation_offset: float = 0.0) -> FreeSpace:
     """
-    Return the links of all UAVs to receivers by the scenario's channel.
+    Return the links of all UAVs to receivers by the scenario's channel; see make_link.
 
     :param kinds: 0 for a ground node or 1 for an eavesdropper, or a list of these.
-    :param shape: shape in which kinds and UAVs are arranged for broadcasting.
+    :param shape: shape of kinds and UAVs, with which `snr` (reference SNR) and `altitudes`
+        broadcast.
     """
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # A jammer interferes at the ground node; the transmitter leaks to an eavesdropper.
-    is_adverse = np.stack([~transmits, transmits])[kinds].reshape(shape)
+    is_harmful = np.stack([~transmits, transmits])[kinds].reshape(shape)
     if channel.rician_k_db is not None:
         low, high = scenario.fading_gains
-        snr = snr * np.where(is_adverse, high, low)
+        snr = snr * np.where(is_harmful, high, low)
     if channel.is_inverse_square:
         return FreeSpace(snr, altitudes**2)
     a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
     kappa = 10.0**(-loss / 10.0)
     if channel.counts_sights:
         helping, harming = _sight_elevations(a, b, scenario.outage_share)
-        begin = np.where(is_adverse, harming - RISE, helping - elevation_offset)
-        width = np.where(is_adverse, RISE, RISE + elevation_offset)
+        # The smoothed step rises from 0 at the elevation `begin` to 1 at begin + width [degrees].
+        begin = np.where(is_harmful, harming - RISE, helping - elevation_offset)
+        width = np.where(is_harmful, RISE, RISE + elevation_offset)
         return PathLossQuantile(
             snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
-    losses = np.where(is_adverse & channel.cautious, 1.0, kappa)
+    losses = np.where(is_harmful & channel.cautious, 1.0, kappa)
     return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
 
 
 def sight_radii(scenario: Scenario) -> Array:
     """
-    Return the largest horizontal distances of helpful links with a line of sight, (U,) in m.
+    Return the largest horizontal distances at which helpful links have a line of sight, (U,) in m.
 
-    They are infinite without a stated outage for lines of sight, and where no elevation is high
-    enough.
+    There the elevation is RISE above the one at which a sight has the probability 1 - outage. They
+    are infinite if the channel does not count sights, or if 90 degrees of elevation are too low.
     """
     channel, elevation = scenario.channel, 90.0
     if channel.counts_sights and channel.los_numbers:
@@ -213,7 +217,7 @@ def sight_radii(scenario: Scenario) -> Array:
 
 
 def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
-    """Return the elevations [degrees] with the probabilities 1 - share and share of sight."""
+    """Return the elevations [degrees] at which a sight has probability 1 - share and share."""
     helping, harming = (a + math.log(a * chance / (1 - chance)) / b
                         for chance in (1 - share, share))
     return helping, harming

@@ -13,7 +13,7 @@ from ...mission.validation import checked_array, checked_kind
 
 
 def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -> ReceiverPlaces:
-    """Return the ReceiverPlaces at times (N,) in s, by default at the points of N slots."""
+    """Return the ReceiverPlaces at times (N,) in s from point 0, by default at points 1 to N."""
     if times is None and slots == scenario.slots:
         return scenario.receivers
     return scenario.receivers_at(
@@ -60,7 +60,7 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 def ground_rates(scenario: Scenario, positions: Array, powers: Array,
                  times: Array | None = None) -> Array:
     """
-    Return r_0[n], equation (4), at the ground node that receives most, (N,) in bit/s/Hz.
+    Return the largest r_0[n], equation (4), of all ground nodes in each slot, (N,) in bit/s/Hz.
 
     It is the rate without secrecy: no leak is subtracted.
 
@@ -125,9 +125,10 @@ def guaranteed_node_rates(scenario: Scenario, positions: Array, powers: Array,
 def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: Array,
                     times: Array | None = None) -> Array:
     """
-    Return the rate of each ground node minus its leak, (G, N) in bit/s/Hz.
+    Return the rate of each ground node minus its leak, (G, N) in bit/s/Hz, which may be negative.
 
-    Ground nodes that are not trusted listen, and their leak is included here.
+    Ground nodes that are not trusted listen to what other nodes are sent; this is added to the
+    leak here.
 
     :param leak: leak to the eavesdroppers, (N,) in bit/s/Hz.
     :param times: as for guaranteed_rates.
@@ -139,7 +140,7 @@ def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: A
 
 def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
                    altitudes: Array | None = None) -> Array:
-    """Return the rate of each ground node, at places (G, N, 2) in m, minus its leak, (G, N)."""
+    """Return rates of ground nodes (G, N, 2) minus `leak` (N,), with listeners added, (G, N)."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),
@@ -151,9 +152,10 @@ def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: A
 def include_listeners(scenario: Scenario, leak: Array, heard: Sequence[Array] | Array,
                       unit: float = 1.0) -> Array:
     """
-    Return the leak of what each ground node is sent, with listeners included, (G, N).
+    Return the leak of what each ground node is sent, to eavesdroppers and listeners, (G, N).
 
-    If all ground nodes are trusted, nobody listens and `leak` itself is returned, (N,).
+    SINRs add up for colluding eavesdroppers; otherwise the largest leak counts. A listener does
+    not count for what it is sent itself. Without listeners `leak` itself is returned, (N,).
 
     :param leak: leak to the eavesdroppers, (N,).
     :param heard: rates at which the listeners hear, (L, N).
@@ -207,11 +209,11 @@ def secrecy_node_rates(scenario: Scenario, positions: Array, powers: Array,
 
 def find_rate_scale(scenario: Scenario) -> float:
     """
-    Return the scale of rate tolerances, min(1, largest SNR at average power).
+    Return the scale of rate tolerances, min(1, largest SNR at average power), in nats.
 
-    It is the SNR at the least distance that the transmitter can have from a ground node at the
-    time of a point. An SNR bounds its rate in nats, so tolerances shrink with the rates of weak
-    links.
+    The largest SNR is at the least distance from a ground node that the transmitter can have at
+    the time of a point, flying from its start and to its goal at full speed. An SNR bounds its
+    rate in nats, so tolerances shrink with the rates of weak links.
     """
     times, grounds = scenario.times[1:-1], scenario.receivers.ground_nodes
     speed = scenario.max_speeds[0]
@@ -260,7 +262,7 @@ def convert_sinr(sinr: Array) -> Array:
 
 
 def compute_sinr(received: Array) -> Array:
-    """Return the SINR S / (1 + J) of received powers, (...); see compute_rate."""
+    """Return the SINR S / (1 + J) of received powers (U, ...), (...); see compute_rate."""
     return received[0] / (1.0 + received[1:].sum(axis=0))
 
 
@@ -275,11 +277,13 @@ def combine_leaks(leaks: Array) -> Array:
 
 def bound_sinrs(link: FreeSpace, offsets: Array, radii: Array, powers: Array) -> Array:
     """
-    Return an upper bound of the SINR anywhere in discs, (...).
+    Return an upper bound of the SINR of a receiver anywhere in each disc, (...).
 
     It is exact for a radius of 0. Outside the disc it does not hold.
 
     :param offsets: UAVs' positions minus the centres of the discs, (U, ..., 2) in m.
+    :param radii: radii of the discs, (...) in m.
+    :param powers: powers of the UAVs, (U, ...) in W.
     """
     return compute_sinr(link.gain(_bound_squared_distances(offsets, radii)) * powers)
 
@@ -297,7 +301,7 @@ def _squared_norm(offset: Array) -> Array:
 
 def find_least_rate(scenario: Scenario, means: Array, unit: float = 1.0) -> float:
     """
-    Return the least of the ground nodes' mean rates plus head starts, each over its weight.
+    Return the least over ground nodes of (mean rate + node_offset) / node_weight.
 
     :param means: mean rate of each ground node, (G,).
     :param unit: unit of the means and of the result [bit/s/Hz].
@@ -308,6 +312,8 @@ def find_least_rate(scenario: Scenario, means: Array, unit: float = 1.0) -> floa
 def find_head_starts(scenario: Scenario, delivered: Array) -> tuple[float, ...]:
     """
     Return the head_starts (G,) in bit/Hz of a mission that continues this scenario's.
+
+    With T = delivered + the head starts here, they are T - weight * min(T / weight).
 
     :param delivered: what has been delivered since this scenario's start, (G,) in bit/Hz.
     """

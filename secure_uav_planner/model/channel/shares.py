@@ -22,10 +22,11 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
     """
     Return the shares of the slots, (G, N), with the largest least mean over weight.
 
-    The shares s maximise the least over the nodes k of (offset_k + mean_n s_kn r_kn) / weight_k,
-    with sum_k s_kn = 1. They are a vertex of this linear program, so at most G - 1 slots are
-    divided. A node has no share of a slot in which its rate is 0. A single node owns all slots. If
-    a node has neither rates nor an offset, the least is 0, and each slot goes to its best node.
+    The shares s maximise the least over the nodes k of (offset_k + mean_n s_kn r_kn) / weight_k.
+    The shares of a slot add up to 1, or to 0 if all its rates are 0. They are a vertex of this
+    linear program, so at most G - 1 slots are divided. A node has no share of a slot in which its
+    rate is 0. A single node owns all slots, of any rate. If a node has neither rates nor an
+    offset, the least is 0, and each slot goes to the node with its largest rate / weight.
 
     :param rates: rate of each ground node in each slot, (G, N), at least 0.
     :param unit: unit of the rates [bit/s/Hz].
@@ -42,10 +43,10 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
 
 
 def _divide(rates: Array, offsets: Array) -> Array:
-    """Return the shares (G, N) with the largest least mean, where means have offsets (G,)."""
+    """Return the shares (G, N) with the largest least of mean_n shares * rates + offsets (G,)."""
     nodes, slots = rates.shape
-    # A head start is the rate of a further slot, and 0 is a negligible rate. So each node can
-    # pass slots on to each other node, and no price is 0.
+    # An offset is the rate of a further slot of its node, and a negligible rate replaces 0. So
+    # each node can pass slots on to each other node, and no price is 0.
     table = np.hstack([rates, np.diag(offsets * slots)])
     used = np.asarray(table.any(axis=0))
     table = table[:, used]
@@ -71,7 +72,8 @@ def _divide_equal_slots(rates: Array) -> Array:
     """
     Return the shares (G, N) by _find_vertex for positive rates (G, N), where slots may be equal.
 
-    Equal slots are joined into one with the sum of their rates. Its parts are consecutive slots.
+    Slots with equal rates are joined into one with the sum of their rates. A joined slot that
+    several nodes share gives each node consecutive slots, so at most one slot per node is divided.
     """
     _, slots = rates.shape
     # Equal slots have equal keys, random weights of their logarithms. `groups` has the number of
@@ -165,7 +167,7 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
 
 
 def _find_linked(ties: dict[int, set[int]], node: int, nodes: int) -> _Mask:
-    """Return which nodes are linked to a node by tied slots, (G,)."""
+    """Return True for `node` and all nodes that tied slots link it to, directly or not, (G,)."""
     linked = {node}
     while more := [tied for tied in ties.values() if linked & tied and not tied <= linked]:
         linked = linked.union(*more)
@@ -174,14 +176,14 @@ def _find_linked(ties: dict[int, set[int]], node: int, nodes: int) -> _Mask:
 
 def _solve_ties(rates: Array, owned: Array, parts: list[tuple[int, int]]) -> Array:
     """
-    Return the shares of tied slots with which all nodes have the same mean rate.
+    Return the shares of tied slots, one for each of `parts`, that make all mean rates equal.
 
     The unknowns are the shares and the common sum of rates c. Each of G nodes has the equation
     owned + sum of share * rate - c = 0, and each tied slot has the equation sum of shares = 1.
+    Shares may be negative.
 
     :param owned: sum of the rates of the slots that each node owns alone, (G,).
-    :param parts: pairs (tied slot, node that shares it), (G + number of tied slots - 1). The
-        shares are in the same order.
+    :param parts: G + number of tied slots - 1 pairs (tied slot, node that shares the slot).
     """
     slots = {slot: len(rates) + row for row, slot in enumerate(dict(parts))}
     matrix = np.zeros((len(rates) + len(slots), len(parts) + 1))

@@ -34,11 +34,12 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return r_0[n] less the largest leak to any point of any disc, (N,) in bit/s/Hz.
 
-    This is a lower bound of R[n] of problem (P1), equation (6), before its [x]^+, and never below
-    guaranteed_rates. A branch and bound over the discs proves that no point leaks more than the
-    subtracted leak. The subtracted leak exceeds the leak at worst_case_places by at most 1e-6
-    times find_rate_scale. It may exceed it by more in a slot that needs more than MOST_SECTORS
-    sectors, and where distances of 1e7 m at altitudes of 1e-3 m exhaust floating-point numbers.
+    With several ground nodes it is the largest of their rates. It is a lower bound of R[n] of
+    problem (P1), equation (6), before its [x]^+, and never below guaranteed_rates. A branch and
+    bound over the discs proves that no point leaks more than the subtracted leak. The subtracted
+    leak exceeds the leak at worst_case_places by at most 1e-6 times find_rate_scale, or by more in
+    a slot that needs more than MOST_SECTORS sectors, and where distances of 1e7 m at altitudes of
+    1e-3 m exhaust floating-point numbers.
 
     :param times: as for guaranteed_rates.
     """
@@ -58,9 +59,10 @@ def worst_case_node_rates(scenario: Scenario, positions: Array, powers: Array,
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """
-    Return the place of the largest leak of each slot that the proof visited, (N, 2) in m.
+    Return the place with the largest leak that the proof found in each slot, (N, 2) in m.
 
-    With colluding eavesdroppers, it is the place with the largest single leak.
+    With colluding eavesdroppers, it is the place with the largest single leak. With a negligible
+    leak it is the centre of a disc.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     _, places = _by_chunks(
@@ -72,11 +74,11 @@ def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Ar
 def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
                     receivers: ReceiverPlaces | None = None) -> tuple[Array, Array]:
     """
-    Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
+    Return the worst place in each slot and disc, (E, N, 2) in m, and its leak, (E, N) in bit/s/Hz.
 
     A local search from the best of some places finds it; it is not proven. Of 12000 slots of
-    random scenarios, 13 missed the largest leak by more than 2e-6. In a slot without power, the
-    place is the centre and the leak 0.
+    random scenarios, 13 missed the largest leak by more than 2e-6. In a slot whose leaks are at
+    most _SILENT, the place is the centre and the leak 0.
 
     :param uav_positions: positions of the UAVs in the N slots, (U, N, 2) in m.
     :param powers: (U, N) in W.
@@ -94,7 +96,7 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
 def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[Array, Array]],
                scenario: Scenario, receivers: ReceiverPlaces, uav_positions: Array,
                powers: Array) -> tuple[Array, Array]:
-    """Return leaks and places of all slots, examined in chunks of slots that fit into caches."""
+    """Return leaks and places by `examine`, called for chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
     centres, radii = receivers.centres.swapaxes(0, 1), receivers.radii.T
     chunks = (slice(first, first + size) for first in range(0, powers.shape[1], size))
@@ -107,7 +109,7 @@ def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[A
 def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                   powers: Array) -> tuple[Array, Array]:
     """
-    Return the probable worst place of each disc, and its leak, by a local search.
+    Return the probable largest leak of each disc, and its place, by a local search.
 
     The search may miss the worst place; prove_leaks of the kernel bounds the leak.
 
@@ -125,8 +127,8 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
         core.find_local_minima(
             _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active]),
             candidates)
-        v, x, y = candidates
-        leaks[active] = convert_sinr(1.0 / v).reshape(active.size, -1)
+        inverse_sinr, x, y = candidates
+        leaks[active] = convert_sinr(1.0 / inverse_sinr).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
     return leaks, centres + places
 
@@ -134,7 +136,9 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
 def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                  powers: Array) -> tuple[Array, Array]:
     """
-    Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2).
+    Return an upper bound of each slot's leak, (N,) in bit/s/Hz, and the worst place, (N, 2) in m.
+
+    The worst place has the largest leak found to a single eavesdropper.
 
     :param centres: centres of the discs, (N, E, 2) in m.
     :param radii: radii of the discs, (N, E) in m.
@@ -171,7 +175,7 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
 def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
                 powers: Array) -> dict[str, Any]:
     """
-    Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot.
+    Return the discs of all slots and eavesdroppers, slot by slot, by the names of core.pyi.
 
     :param radii: (N, E) in m.
     :param offsets: horizontal offsets of the UAVs from the centres, (U, N, E, 2) in m.

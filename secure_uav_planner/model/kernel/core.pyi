@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 Arguments = Mapping[str, Any]
 
 TOLERANCE: float
-"""Excess [bit/s/Hz] of a proven leak over the largest leak found that a proof may end with."""
+"""Largest excess [bit/s/Hz] of a proven leak over the largest leak found, at a rate scale of 1."""
 
 class LinkGains:
     """Gains over the noise power of K U links; link k U + u is from UAV u to receiver k."""
@@ -31,7 +31,8 @@ class LinkGains:
         """
         Return gain and derivatives at a squared distance: for tests.
 
-        :return: the gain without and with derivatives, its first and its second derivative.
+        :return: the gain as computed alone, the gain as computed with derivatives, and its first
+            and second derivative by the squared distance.
         """
 
 class FreeSpace(LinkGains):
@@ -45,17 +46,17 @@ class PathLoss(LinkGains):
         Make PathLoss from SNRs and H^2 as for FreeSpace, and parameters of its line of sight.
 
         :param losses: kappa, (K, U); 1 for links that always have a line of sight.
-        :param steepness: per degree of elevation, (K, U).
-        :param shift: (K, U).
-        :param exponent: exponent of the path loss.
+        :param steepness: slope of z per degree of elevation, (K, U).
+        :param shift: offset of z = steepness theta - shift, (K, U).
+        :param exponent: exponent alpha of the path loss.
         :param quantile: whether the gain is a quantile instead of a mean.
         """
 
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
         """
-        Return upper bounds of the first three derivatives' sizes of log gain along any line.
+        Return upper bounds of |f'|, |f''| and |f'''| for the log gain f along any horizontal line.
 
-        They hold between the distances `near` and `far`, and are infinite with a kink in between.
+        They hold at distances from `near` to `far` [m], and are infinite with a kink in between.
         """
 
 class Vectors:
@@ -64,7 +65,7 @@ class Vectors:
     def __init__(self, varies: Flags, points: Indices, weights: Array, constants: Array,
                  differences: bool) -> None:
         """
-        Make I vectors from the points, weights and constant of each.
+        Make I vectors, each the sum of weight * point over its T points plus a constant.
 
         :param varies: which points vary, (M, U); first and last points must not.
         :param points: index U n + u of each point n of UAV u, (I, T).
@@ -90,27 +91,32 @@ class Limit:
 
         :param path: points with start and goal, (M, U, 2).
         :param moves: moves of the points along a step, (M, U, 2).
-        :return: a dictionary: `slacks` c and their `slopes` along the step; step `lengths`, (U,);
-            `gradient` of -sum log c, (N, U, 3), and `band` of its Hessian, column by column from
-            the diagonal down, with `height` entries in a column; `limits_moves`, whether lines
-            limit moves.
+        :return: a dictionary: `slacks` c and their `slopes` along the step; `lengths`, the largest
+            share of its step that each UAV may take, at most 1, (U,); `gradient` of -sum log c,
+            (N, U, 3), and `band` of its Hessian, column by column from the diagonal down, with
+            `height` entries in a column; `limits_moves`, whether lines limit moves.
         """
 
 class Energies:
     """The energies of flights, each as a share of its limit."""
 
     def __init__(self, moves: Vectors, weights: Array, terms: Array, constants: Array) -> None:
-        """Make them from moves (U, S), weights (U, S), PowerTerms (U, 4) and constants (U,)."""
+        """
+        Make a UAV's energy: the sum over its moves of weight * power(move), plus its constant.
+
+        :param terms: coefficients of each UAV's power, (U, 4); see limits.energy. `moves` and
+            `weights` are (U, S), `constants` (U,).
+        """
 
     def find(self, path: Array, energies: Array) -> None:
-        """Fill the energies, (U,), of a path with start and goal, (M, U, 2)."""
+        """Fill the energies (U,) of a path (M, U, 2) with start and goal, as shares of limits."""
 
 class LineLimit(Limit):
     """
     A limit c = normal . p - offset of control points p, (M, G, K).
 
-    There are M pieces of K points for each of G pairs of a UAV and an obstacle, or of two UAVs.
-    Ignored control points are not limited.
+    There are M pieces of K points for each of G pairs of a UAV and an obstacle, or of two UAVs,
+    where p is the difference of theirs. Ignored control points are not limited.
     """
 
     def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
@@ -122,12 +128,12 @@ class ZoneLimit(LineLimit):
 
 class SeparationLimit(LineLimit):
     def __init__(self, control_points: Vectors, ignored: Flags, radii: Array) -> None:
-        """Make it with the radius of each pair's disc, which the pair stays out of, (G,)."""
+        """Make it with the radius (G,) of the disc that each pair's difference stays out of."""
 
 class FenceLimit(LineLimit):
     def __init__(self, control_points: Vectors, ignored: Flags, normals: Array,
                  offsets: Array) -> None:
-        """Make it with the normals (G, 2) and offsets (G,) of the fence's sides."""
+        """Make it with inward normals (G, 2) and offsets (G,): normal . p >= offset inside."""
 
 class InteriorPointSolver:
     def __init__(self, arguments: Arguments, x: Array, shares: Array, mu: Array,
@@ -158,7 +164,7 @@ class InteriorPointSolver:
         """
         Take `steps` steps from all starts, or fewer if steps are expensive.
 
-        :param final: the barrier parameter at which a start may finish.
+        :param final: the least barrier parameter, at which a start may finish.
         :param raise_if_over: called now and then; if it raises, starts that have not yet stepped
             are left unchanged.
         :return: the number of steps, and the largest number of starts that failed in one step.
@@ -227,7 +233,7 @@ class Detours:
 
         :param low: lower corner of the first cell, (2,).
         :param size: size of a cell, (2,).
-        :param lengths: bounds of path lengths from the start and to the goal, (2, R, R).
+        :param lengths: lower bounds of path lengths from the start, and to the goal, (2, R, R).
         """
 
 class ReachableSet:
@@ -255,9 +261,10 @@ class Terms:
         Bound the maxima of functions over one cell by branch and bound.
 
         :param functions: indices of the functions to bound.
-        :param bounds: an incumbent for each of all functions. The bounds of `functions` replace
-            their incumbents.
-        :param tolerance: tolerance of each of all functions.
+        :param bounds: incumbent of each of all functions, a guess of its maximum. Upper bounds of
+            the maxima replace the incumbents of `functions`.
+        :param tolerance: for each of all functions, how far its bound may exceed the larger of its
+            maximum and its incumbent, unless the budget ends the search.
         :param budget: largest number of boxes for each function.
         :param maximisers: the place and log p of the best point that exceeds the incumbent,
             (M, 3). Rows of functions without such a point are left as they are.

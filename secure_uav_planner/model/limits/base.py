@@ -78,7 +78,7 @@ class Limit(ABC):
 def compile_vectors(grid: Grid, points: NDArray[np.intp], weights: ArrayLike,
                     constants: Array, differences: bool = False) -> core.Vectors:
     """
-    Return the kernel's form of vectors, each constant + sum of weight * point over T points.
+    Return the kernel's form of vectors, each constant + sum over T points of weight * point.
 
     :param points: index U n + u of point n of UAV u, (..., T).
     :param weights: weights of the points; they broadcast to (..., T).

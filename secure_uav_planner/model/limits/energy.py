@@ -53,11 +53,13 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
     """
-    Return the UAVs with the part of max_energy that the beginning of their flights leaves.
+    Return the UAVs with the rest of max_energy after the beginning of their flights.
+
+    A rest is at least the smallest max_energy that a Uav may have.
 
     :param positions: points of the beginning, (U, >= point + 1, 2) in m.
-    :param point: first point of the rest of the flight, whose curve begins half a slot earlier.
-        Energies until then are subtracted.
+    :param point: index of the first point of the rest of the flight. The beginning ends half a
+        slot before this point. At point 0 nothing is subtracted.
     """
     if point == 0 or not scenario.limits_energy:
         return scenario.uavs
@@ -75,11 +77,11 @@ def compile_energies(grid: Grid, positions: Array) -> core.Energies:
     """
     Return the kernel's form of the energies, in shares of max_energy, by Simpson's rule.
 
-    A constant makes them exact for one flight: in slots of 4 s Simpson's rule may be 0.4% off. The
-    velocity of a slot changes from the move before its point to the move after its point, and is
-    the mean of both moves in its middle.
+    A constant for each UAV makes its energy exact for one flight: in slots of 4 s Simpson's rule
+    may be 0.4% off. The velocity of a slot changes from the move before its point to the move
+    after its point, and is the mean of both moves in its middle.
 
-    :param positions: the flights for which they are exact, (U, N+2, 2) in m.
+    :param positions: the flights whose energies are exact, (U, N+2, 2) in m.
     """
     moves, weights = _compile_moves(grid)
     terms, uavs = _list_power_terms(grid), len(grid.scenario.uavs)
@@ -116,8 +118,9 @@ def _compile_moves(grid: Grid) -> tuple[core.Vectors, Array]:
     Return the kernel's form of the S = 2 N + 3 moves of Simpson's rule, and their weights, (U, S).
 
     A move is share * (end - begin) plus a constant. First come the N + 1 moves of the path, then
-    the N mean moves in the middle of slots, then the mean moves at both ends. An end with a free
-    velocity has the move of the path next to it.
+    the N mean moves in the middle of slots, then the mean moves in the first and last slot, whose
+    outer moves are the end velocities. If such a velocity is free, the mean move is the path's
+    first or last move. Powers at given end velocities are constants, and left out.
     """
     uavs, slots = len(grid.scenario.uavs), grid.slots
     begin = np.concatenate([np.arange(slots + 1), np.arange(slots), [0, slots]])

@@ -64,7 +64,7 @@ class ControlPoints:
         Replace the points q[-1] and q[N+2], which are no points of the flight.
 
         They are q[0] - v_start ts and q[N+1] + v_goal ts. With a free velocity they continue the
-        nearest move: q[-1] = 2 q[0] - q[1].
+        nearest move: q[-1] = 2 q[0] - q[1]. Their weights are passed on to points of the flight.
         """
         velocities = self.grid.scenario.end_velocities
         if not self.grid.scenario.limits_acceleration:
@@ -138,7 +138,7 @@ class LineLimit(Limit):
 
     @property
     def compiled_points(self) -> core.Vectors:
-        """Return the control points of pairs, of two UAVs first minus second, for the kernel."""
+        """Return the kernel's form of control_points of all pairs, (N+2, G, K) vectors."""
         number, uavs = np.arange(self.grid.slots + 2)[:, None], len(self.grid.fixed)
         # A control point is a sum of q[n], q[n-1] and q[n+1] with weights, in this order.
         near: NDArray[np.intp] = np.clip(number + [0, -1, 1], 0, number[-1])
@@ -168,16 +168,21 @@ class LineLimit(Limit):
         """
         Return lines by which a path that is not clear can be moved to one side of each obstacle.
 
-        :param lines: lines of the path, which may be changed in place.
+        :param lines: lines of the path by choose_lines, which are returned by default. An override
+            may change them in place.
         :param opposite: whether UAVs that meet pass each other on the side that is not nearest.
         """
         return lines
 
     def validate(self, positions: Array, powers: Array) -> None:
-        """Leave it to Plan, which checks the flown curve."""
+        """Check nothing: Plan checks the flown curve."""
 
     def control_points(self, path: Array, pairs: Any = slice(None)) -> Array:
-        """Return the control points p of pairs, by default of all, (N+2, G, K, 2)."""
+        """
+        Return the control points p of pairs, by default of all, (N+2, G, K, 2) in units.
+
+        For a pair of two UAVs p is a control point of the first minus the same of the second.
+        """
         points = self.points.evaluate(path)
         first = points[:, self.first[pairs]]
         return first if self.second is None else first - points[:, self.second[pairs]]
@@ -188,8 +193,9 @@ class LineLimit(Limit):
         return along - lines.offsets[..., None]
 
     def is_clear(self, positions: Array) -> bool:
-        """Return True if all control points of flights (U, N+2, 2) in m are beyond lines."""
+        """Return True if lines separate all pieces of flights (U, N+2, 2) in m from obstacles."""
         path = self.grid.to_path(positions)
         slacks = self.slacks(path, self.choose_lines(path))
+        # Control points that do not vary may be beyond a line by _TOLERANCE.
         slacks[self.ignored] += _TOLERANCE
         return bool((slacks > 0).all())

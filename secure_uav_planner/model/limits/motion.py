@@ -42,7 +42,7 @@ class NormLimit(Limit):
         self.longest = longest
         self.absent: NDArray[np.bool_] = np.full(
             (self.grid.slots + self.order, len(self.longest)), False)
-        self._end_moves: Array = np.zeros((2, len(self.longest), 2))
+        self._end_moves: Array = np.zeros((2, len(self.longest), 2))  # Beyond start and goal [m].
 
     @property
     def order(self) -> int:
@@ -53,8 +53,9 @@ class NormLimit(Limit):
     def compiled(self) -> core.Limit:
         """Return the limit as the kernel reads it, in units of the grid."""
         grid, uavs = self.grid, len(self.longest)
-        number = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
-        inside = np.clip(number, 0, grid.slots + 1)[:, None]
+        # q[-1] and q[N+2] are replaced by q[0] and q[N+1]; constants add the moves in between.
+        point = np.arange(len(self.absent))[:, None] + np.arange(1 - self.order, 2)
+        inside = np.clip(point, 0, grid.slots + 1)[:, None]
         constant = np.zeros((*self.absent.shape, 2))
         constant[0] -= self._end_moves[0] / grid.length
         constant[-1] += self._end_moves[1] / grid.length
@@ -66,11 +67,11 @@ class NormLimit(Limit):
 
     @abstractmethod
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
-        """Return the error's text for a difference, of this length in m, after a point."""
+        """Return the error's text for the difference d[point] of length `value` [m]."""
 
     @abstractmethod
     def differences(self, positions: Array) -> Array:
-        """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
+        """Return d of positions (U, N+2, 2) in m, (U, M, 2) in m; M = N + order."""
 
     def validate(self, positions: Array, powers: Array) -> None:
         lengths = self._lengths(positions)
@@ -82,10 +83,10 @@ class NormLimit(Limit):
 
     def retract(self, positions: Array, margin: float = 0.0) -> Array:
         """
-        Return the positions blended with the reference flight until they keep the limit.
+        Return positions (U, N+2, 2) in m whose flights keep the limit, with exact ends.
 
-        The reference has the least utilisation, so blending towards it restores feasibility. An
-        exceedance of 1e-8 costs a blend of about 1e-8.
+        A flight that exceeds the limit is blended with the UAV's reference flight, which has the
+        least utilisation. Other flights stay. An excess of 1e-8 costs a blend of about 1e-8.
 
         :param margin: share of the limit to keep free, if the reference keeps as much free.
         """
@@ -105,7 +106,7 @@ class NormLimit(Limit):
         return positions
 
     def utilisations(self, positions: Array) -> Array:
-        """Return the largest share of the limit that each flight uses, (U,)."""
+        """Return the largest |d| / r of each flight (N+2, 2) in m, (U,)."""
         return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
 
     def _lengths(self, positions: Array) -> Array:

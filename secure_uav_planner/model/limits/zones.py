@@ -32,11 +32,11 @@ class FenceLimit(LineLimit):
         super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), on_curve=False)
         self._normals: Array = np.tile(-outward, (uavs, 1))
         self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
-        number = np.arange(self.grid.slots + 2.0)[:, None]
-        # The curve may begin and end up to half a slot beyond the points.
-        number[0], number[-1] = 0.5, number[-1] + 0.5
+        # Slots from the start to each point; the curve's ends are half a slot beyond the points.
+        elapsed = np.arange(self.grid.slots + 2.0)[:, None]
+        elapsed[0], elapsed[-1] = 0.5, elapsed[-1] + 0.5
         steps = (self.scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
-        for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
+        for ends, moves in ((self.grid.starts, elapsed), (self.grid.goals, elapsed[::-1])):
             slack = (self._normals * ends[self.first]).sum(axis=-1) - self._offsets
             self.ignored |= (slack > (1 + _ROUNDING) * moves * steps)[..., None]
 
@@ -113,11 +113,12 @@ class SeparationLimit(LineLimit):
     def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
                        raise_if_over: Callable[[], None]) -> Lines:
         """
-        Return lines whose normals turn at a constant rate while two UAVs are too close.
+        Return the lines with normals that turn at a constant rate while two UAVs are too close.
 
         So the UAVs pass each other on one side, even if their difference runs through the origin.
+        Normals are changed in place. Offsets stay.
 
-        :param opposite: whether to turn the other way, if the turn is longer than 60 degrees.
+        :param opposite: True to turn the other way round, where the turn is above 60 degrees.
         """
         least = self.slacks(path, lines).min(axis=-1)
         raise_if_over()
@@ -131,7 +132,11 @@ class SeparationLimit(LineLimit):
 
 
 def _turn_evenly(angles: Array, close: NDArray[np.bool_], opposite: bool) -> Array:
-    """Return angles interpolated linearly over every stretch of points that are close."""
+    """
+    Return angles [rad] interpolated linearly over each stretch of points that are close, (N+2,).
+
+    The turn is the smaller one. If it is above 60 degrees, `opposite` takes the larger one.
+    """
     angles = angles.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))
     for begin, end in edges.reshape(-1, 2).tolist():

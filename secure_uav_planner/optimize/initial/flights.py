@@ -104,7 +104,7 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
     Return the flight of a UAV to a hovering place and on to its goal around obstacles.
 
     It may cut corners and need too much acceleration, which the projection corrects. A UAV
-    without the time to reach its place turns back on the way.
+    without the time to reach its place turns back on the way, or flies directly.
 
     :param index: index of the UAV.
     :param out: index of the route to the place, 0 for the shortest.
@@ -129,9 +129,9 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
             return fly_direct(problem, index, out)
         legs = shorter
     outward, homeward = map(_measure_length, legs)
-    number = np.arange(count + 1.0)
-    covered = np.clip((number - lag / 2) * step, 0, outward)
-    left = np.clip((count - number - lag / 2) * step, 0, homeward)
+    slot_times = np.arange(count + 1.0)
+    covered = np.clip((slot_times - lag / 2) * step, 0, outward)
+    left = np.clip((count - slot_times - lag / 2) * step, 0, homeward)
     return np.where((left < homeward)[:, None], _locate(legs[1], homeward - left),
                     _locate(legs[0], covered))
 
@@ -165,8 +165,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     Return the flight of a UAV that hovers equally long at H stops, (N+2, 2) in m.
 
     If there is no time to reach all stops, each moves towards its place on the straight flight by
-    the same share. With a limit of acceleration, points are moving averages over as many slots as
-    the acceleration to full speed takes.
+    the same share. If even this takes too long, the flight is fly_direct's. With a limit of
+    acceleration, points are averages over the slots that the acceleration to full speed takes.
 
     :param stops: places to hover at in order, (H, 2) in m.
     """
@@ -199,8 +199,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     arrivals = np.cumsum(lengths[:-1]) / step + wait * np.arange(len(stops))
     times = np.concatenate([[0.0], np.stack([arrivals, arrivals + wait], -1).ravel(), [moves]])
     covered = np.concatenate([[0.0], np.repeat(np.cumsum(lengths)[:-1], 2), [lengths.sum()]])
-    number = np.arange(-float(width), moves + width + 1)
-    points = _locate(np.concatenate(legs), np.interp(number, times, covered))
+    slot_times = np.arange(-float(width), moves + width + 1)
+    points = _locate(np.concatenate(legs), np.interp(slot_times, times, covered))
     sums = np.cumsum(np.pad(points, ((1, 0), (0, 0))), axis=0)
     points = (sums[width + 1:] - sums[:-width - 1]) / (width + 1)
     points[0], points[-1] = start, goal
@@ -208,7 +208,7 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
 
 
 def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Iterator[Array]:
-    """Yield flights (U, N+2, 2) in m from start to goal, straight or around obstacles."""
+    """Yield flights (U, N+2, 2) in m of all UAVs by fly_direct, for combinations of routes."""
     choices = []
     for index in range(len(problem.scenario.uavs)):
         raise_if_over()
@@ -222,11 +222,11 @@ def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> I
 def _turn_back(graph: VisibilityGraph, out: Array, goal: Array,
                reach: float) -> tuple[Array, Array] | None:
     """
-    Return the longest part of a route after which the goal can be reached, and the way there.
+    Return the longest beginning of a route from whose end the goal is in reach, and the way there.
 
-    :param out: a route, (K, 2) in m.
-    :param reach: length of both parts together [m].
-    :return: both parts, or None if the goal cannot be reached from a point of the route.
+    :param out: a route, (K, 2) in m, from whose end the goal is out of reach.
+    :param reach: largest length of both parts together [m].
+    :return: both parts, or None if the goal is in reach from no place beyond the route's start.
     """
     covered = np.linspace(0, _measure_length(out), _TURNS)
     places = _locate(out, covered)
@@ -282,7 +282,8 @@ def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
     Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2) in m.
 
     With a limit of acceleration, moves are moving averages over as many slots as the acceleration
-    to full speed takes. Where a UAV turns without hovering, Problem.retract must correct them.
+    to full speed takes. Where a UAV turns without hovering, Problem.retract must correct them. If
+    there is no time for averages, the flight of least utilisation is returned.
     """
     slots, duration = problem.scenario.slots, problem.scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)

@@ -116,7 +116,7 @@ class _Projection:
         # Largest utilisation of speed and acceleration for each UAV, (U,).
         self._utilisations = 1 - share * np.maximum(
             1 - grid.least_flights.find_utilisations(grid.scenario, raise_if_over), 0.0)
-        self._step = float(np.median(grid.step_lengths)) / grid.length
+        self._step = float(np.median(grid.step_lengths)) / grid.length  # A step, in grid units.
 
     def solve(self, positions: Array, opposite: bool = False,
               inside: NDArray[np.bool_] | None = None) -> Array | None:
@@ -124,7 +124,7 @@ class _Projection:
         Return flights (U, N+2, 2) in m inside the limits, near given ones, or None.
 
         A round moves every UAV that is not inside to its side of the lines, which are then chosen
-        anew for the moved path. After _ROUNDS rounds the answer is None.
+        anew for the moved path. After _ROUNDS rounds, or if the solver fails, the answer is None.
 
         :param opposite: whether UAVs that meet pass on the side opposite to the nearest.
         :param inside: True for UAVs that are not moved in the first round, (U,). None moves all
@@ -159,7 +159,7 @@ class _Projection:
         return chosen
 
     def _split_groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
-        """Yield the UAVs to be moved in groups of at most _MOST_MOVED points."""
+        """Yield indices of UAVs to be moved in groups of one, or of up to _MOST_MOVED points."""
         uavs = np.flatnonzero(moving & ~self._grid.fixed)
         most = max(1, _MOST_MOVED // self._grid.slots)
         for first in range(0, len(uavs), most):
@@ -183,7 +183,7 @@ class _Projection:
         return inside
 
     def _to_path(self, positions: Array) -> Array:
-        """Return positions (U, N+2, 2) in m as a path (N+2, U, 2) in units, with exact ends."""
+        """Return positions as a path (N+2, U, 2) in units; fixed UAVs fly reference_flight."""
         grid = self._grid
         path = grid.to_path(positions)
         path[[0, -1]] = grid.starts, grid.goals
@@ -252,8 +252,8 @@ class _Projection:
             near = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
             point, pair, corner = near  # Indices (n, g, k) of each row's control point.
             normal = normals[near[:2]]
-            number = np.arange(len(point))
-            entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
+            row = np.arange(len(point))
+            entries = [(row, np.full(len(point), shortfall), np.ones(len(point)))]
             for end, sign in zip(ends, (1.0, -1.0)):
                 piece = end[pairs[pair]]
                 for shift in (-1, 0, 1):
@@ -283,14 +283,14 @@ class _Projection:
             # The UAV and the index of the difference of each cone, and the cone's first row.
             member, difference = np.nonzero(~limit.absent.T[group])
             uav = group[member]
-            number = 3 * np.arange(len(uav))
-            entries = [(number, np.full(len(uav), excess), longest[uav])]
+            row = 3 * np.arange(len(uav))
+            entries = [(row, np.full(len(uav), excess), longest[uav])]
             for index, weight in enumerate(limit.stencil):
                 point = difference + 1 - limit.order + index
                 inside = np.flatnonzero((point > 0) & (point < len(base) - 1))
                 column = columns[point[inside], uav[inside]]
                 for axis in (0, 1):
-                    entries.append((number[inside] + 1 + axis, column + axis,
+                    entries.append((row[inside] + 1 + axis, column + axis,
                                     np.full(len(inside), weight)))
             constants = np.zeros((len(uav), 3))
             constants[:, 0] = longest[uav] * self._utilisations[uav]

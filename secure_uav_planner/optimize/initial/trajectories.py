@@ -66,7 +66,7 @@ def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
 
 
 def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights (U, N+2, 2) in m near fly-hover-fly or, failing this, near direct flights."""
+    """Return flights (U, N+2, 2) in m near fly-hover-fly, else near direct flights, or None."""
     places = problem.find_free_places(list_hovering_places(problem.scenario), raise_if_over)
     wanted = build_flights(problem, places, raise_if_over=raise_if_over)
     answers = (find_flights_near(problem, flights, raise_if_over) for flights in chain(
@@ -76,16 +76,17 @@ def _search_flights(problem: Problem, raise_if_over: DeadlineCheck) -> Array | N
 
 def _find_duration_around(scenario: Scenario, duration: float, raise_if_over: DeadlineCheck
                           ) -> float | None:
-    """Return the shortest duration found [s] from `duration` on that has flights, or None."""
+    """Return the shortest duration [s] found that has flights and is >= `duration`, or None."""
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
     def measure_utilisation(duration: float) -> float:
+        """Return 0.5 if flights of a duration [s] are found, else 2: only the side of 1 counts."""
         longer = Problem(replace(scenario, duration=duration))
         utilisations = longer.grid.least_flights.find_utilisations(longer.scenario, raise_if_over)
         has_time = (utilisations <= 1 + UTILISATION_TOLERANCE).all()
         is_flyable = has_time and _search_flights(longer, raise_if_over) is not None
-        return 0.5 if is_flyable else 2.0  # Only the side of 1 is known.
+        return 0.5 if is_flyable else 2.0
 
     # Longer is always easier for a flight from rest to rest.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
@@ -197,7 +198,7 @@ def _find_obstructions(scenario: Scenario, number: int,
 
 
 def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
-    """Return a text that names shorter slots with which flights are found; empty if none do."""
+    """Return advice on more slots, or more and a longer duration, that have flights, or ''."""
     # A slot's piece of a flight is straight, and may be too long for a narrow gap.
     with suppress(TimeLimitError):
         for longer, factor in product(_LONGER, _FINER):
@@ -254,8 +255,8 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
     """
     Return True if a plan for the previous scenario is a good start for a scenario.
 
-    The numbers of UAVs and receivers are equal, durations differ by at most 10%, and no place has
-    moved by more than the lowest altitude: over such distances the gains change little.
+    The numbers of UAVs and receivers are equal, durations differ by at most 10%, and no start,
+    goal or receiver has moved by more than the lowest altitude, over which gains change little.
     """
     if (len(scenario.uavs) != len(previous.uavs)
             or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
@@ -278,9 +279,9 @@ def adapt_plan(problem: Problem, plan: Plan,
     """
     Return positions (U, N+2, 2) in m and powers (U, N) in W of a plan adapted to another problem.
 
-    Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    Flights that break limits are replaced by the nearest flights that keep them. If there are
-    none, the positions are None.
+    Slots are matched by their share of the duration. The moves of starts and goals are blended
+    over the whole flight. Flights that break limits are replaced by flights near them that keep
+    the limits. If none are found, the positions are None.
 
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.

@@ -73,12 +73,12 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def improve_warm(driver: SolverDriver) -> Status:
-    """Improve an incumbent within its limits of energy, from its own flights and powers only."""
+    """Improve an incumbent within its limits of energy from its own iterate, in several ways."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
     status: Status = 'converged'
-    for mu, price in ENERGY.as_they_are:
+    for mu, price in ENERGY.as_they_are:  # Each search begins at x; the last status is returned.
         status = (driver.finish(driver.build_solver(grid, x[None], mu, price))
                   if incumbent.objective == 'guaranteed' else
                   improve_from_start(driver, x, mu, price))
@@ -86,7 +86,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Find a first plan of (P2) within limits of energy: straight flights with loiter circles."""
+    """Try to find a plan of (P2) within limits of energy by direct flights with loiter circles."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
     _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
@@ -104,10 +104,11 @@ def _drive_guaranteed(driver: SolverDriver) -> SolverDriver:
 def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
                      ) -> Iterator[InteriorPointSolver]:
     """
-    Yield up to three solvers after ENERGY.steps Newton steps; a later one is for no plan so far.
+    Yield up to three solvers in turn after ENERGY.steps Newton steps from starts.
 
-    The first has the starts on a coarse grid, on which flights take more energy. The second has
-    them on the full grid, and the last one the starts of _mix_least_energies.
+    The first has the starts on a coarse grid, on which flights take more energy. If there is no
+    plan yet, the caller asks for more: the same starts on the full grid, if it is finer, then the
+    starts of _mix_least_energies.
     """
     full = driver.grid
     slots = max(ENERGY.coarse_slots, math.ceil(full.scenario.duration / ENERGY.slot_duration))
@@ -121,7 +122,7 @@ def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
 
 
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
-    """Yield (N, U, 3) variables and (U,) energy prices of a solver's best starts, finished."""
+    """Yield variables (N, U, 3) and prices (U,) of the best starts, finished on the full grid."""
     rates = solver.rates()
     for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):
@@ -138,7 +139,7 @@ def _advance(driver: SolverDriver, grid: Grid, starts: Iterable[_Start]) -> Inte
     """
     Return a solver on a grid after ENERGY.steps Newton steps, and propose its best iterate.
 
-    Starts without flights strictly inside the limits are left out.
+    Starts without flights strictly inside the limits are left out; NumericalError if all are.
     """
     x, beginnings = [], []
     for positions, powers, beginning in starts:
@@ -166,6 +167,7 @@ def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
     """Yield starts in which each UAV has its flight of least energy among a solver's starts."""
     flights, energies = _measure_energies(solver)
     least = energies.argmin(axis=0)
+    # All powers are of the start from which the transmitter's flight is.
     powers = solver.grid.powers(solver.x[least[0]])
     for beginning in ENERGY.least:
         yield _Start(flights[least, np.arange(len(least))], powers, beginning)
@@ -173,7 +175,7 @@ def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
 
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
-    """Yield starts from the plans without limits of energy: as they are, and with circles."""
+    """Yield starts from plans without limits of energy, as they are and with circles."""
     flights = [(best.positions, best.powers, 3) for best in unlimited]  # 3 beginnings each.
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
@@ -191,7 +193,7 @@ def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
-    """Yield starts from direct flights with loiter circles all the way."""
+    """Yield a start for each of CIRCLES: direct flights with such loiter circles all the way."""
     for circle in CIRCLES:
         circled = add_circles(driver.incumbent.scenario, driver.grid.reference_flight, *circle,
                               slow=math.inf)
@@ -199,7 +201,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return the errors of UAVs with least energies (U,) in J over max_energy; if none, of all."""
+    """Return errors of UAVs with least energies (U,) [J] above max_energy; if none is, of all."""
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
@@ -214,8 +216,8 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
     Return flights with circles where UAVs hover, (U, N+2, 2) in m.
 
     While a UAV is slower than slow * max_speed, whole circles through its place are added to its
-    flight. Speed on the circles rises from 0 to a largest speed and falls to 0 again; the largest
-    speed is lower in a short time. UAVs without max_energy or max_acceleration stay as they are.
+    flight. Speed on the circles rises from 0 to a top speed and falls to 0 again. In a short time
+    the top is lower, or no circle is added. UAVs without max_energy or max_acceleration stay.
 
     :param positions: flights, (U, N+2, 2) in m.
     :param direction: bearing of the circles' centres from the places, relative to the bearing of
@@ -230,15 +232,15 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
         hovers = np.concatenate([[False], speeds < slow * uav.max_speed, [False]])
         ends = np.flatnonzero(np.diff(hovers.astype(int)))
-        gain = ENERGY.speeding * uav.max_acceleration
+        acceleration = ENERGY.speeding * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
             # The highest speed at which a circle fits into the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
-                1 / gain + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
+                1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
             if top < ENERGY.slow * uav.max_speed:
                 continue
-            speed = np.minimum(top, gain * np.minimum(times, times[-1] - times))
+            speed = np.minimum(top, acceleration * np.minimum(times, times[-1] - times))
             covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
             turns = max(1, int(
                 covered[-1] / (2 * np.pi * top**2 / (ENERGY.turning * uav.max_acceleration))))

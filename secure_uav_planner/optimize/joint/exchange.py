@@ -47,11 +47,11 @@ def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> S
 
 def improve_from_start(driver: SolverDriver, x: Array, mu: float,
                        prices: float | Array = DESCENT.first_price) -> Status:
-    """Improve the incumbent for (P1) from x (N, U, 3) on the full grid, in at most two rounds."""
+    """Improve the incumbent for (P1) from x (N, U, 3); return the status of the first round."""
     incumbent = driver.incumbent
     before = incumbent.rate
     status, at_rest = _improve_once(driver, x, mu, DESCENT.most_steps, prices)
-    # If places oscillated and the first round gained much, a second round may gain more.
+    # If places oscillated and the first round gained much, a second from the incumbent may, too.
     if not (at_rest or incumbent.warm or incumbent.rate < (1 + EXCHANGE.worth) * before):
         x = make_strictly_feasible(driver.grid, incumbent.positions, incumbent.powers,
                                    DESCENT.warm_share, driver.raise_if_over)
@@ -67,7 +67,7 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
-    """Return the iterate (N, U, 3) of the best rate in (P1) after a few steps from optima."""
+    """Return the iterate (N, U, 3) of the best rate in (P1) in a few steps from optima of (P2)."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXCHANGE.explored]:
         exchange = _Exchange(driver, optima.grid, x, EXCHANGE.exploring_mu)
@@ -126,7 +126,7 @@ class _Exchange:
         return self.best
 
     def advance(self, steps: int, final: float) -> int:
-        """Take one Newton step and exchange places; raise as InteriorPointSolver.advance does."""
+        """Take one Newton step, whatever `steps` is, exchange places, and return 1."""
         self._solver.advance(1, final)
         x = self._solver.x[0]
         worse = self._places.exchange(x, self._solver.shares[0].T, self._tolerance)
@@ -189,13 +189,13 @@ class WorstPlaces:
         worst, leaks = self._find_worst(x)
         grounds, place_leaks, heard = self.receivers.rates(x)
         self.rate = self._compute_rate(grounds, place_leaks, heard, leaks, shares)
-        counted = place_leaks.reshape(*leaks.shape, -1)
+        by_disc = place_leaks.reshape(*leaks.shape, -1)
         # Without collusion, the leak is the largest over all discs, so other discs do not matter.
-        worse = leaks > tolerance + (counted.max(axis=2) if self._scenario.colluding else
+        worse = leaks > tolerance + (by_disc.max(axis=2) if self._scenario.colluding else
                                      place_leaks.max(axis=1, keepdims=True))
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
         near = distances.min(axis=-1) < EXCHANGE.near * self._radii
-        replaced = np.where(near, distances.argmin(axis=-1), counted.argmin(axis=-1))
+        replaced = np.where(near, distances.argmin(axis=-1), by_disc.argmin(axis=-1))
         slot, eve = np.nonzero(near | worse)
         replaced = replaced[slot, eve]
         self._places[slot, eve, replaced] = worst[slot, eve]

@@ -64,7 +64,7 @@ class InteriorPointSolver:
             self.finished, self.over, self.prices)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
-        """Continue with receivers at exchanged places; if they are worse, no start is finished."""
+        """Replace the places of receivers and discs; `worse` ones make all starts unfinished."""
         self._core.exchange_places(
             _to_kernel(**discs), np.ascontiguousarray(receivers.positions, float))
         if worse:
@@ -97,8 +97,7 @@ class InteriorPointSolver:
         After a step the barrier parameter of a centred or stalled start is lowered towards
         `final`. Finished starts step as well.
 
-        :return: the number of steps.
-
+        :return: the number of steps taken from each start.
         :raises NumericalError: when a step failed from every start.
         """
         self.raise_if_over()
@@ -164,16 +163,16 @@ class SolverDriver:
                                    Receivers.of(grid, self._elevation_offset), prices=prices)
 
     def advance(self, solver: Solver, steps: int, mu: float) -> None:
-        """Take `steps` steps from every start, without looking whether the solver is done."""
+        """Take `steps` steps from every start, finished or not, with mu as the last parameter."""
         self._take_steps(solver, mu, steps, at_once=steps)
 
     def descend(self, solver: Solver, mu: float, steps: int = DESCENT.most_steps) -> Status:
-        """Take at most `steps` steps until a solver is done, without proposals."""
+        """Take at most `steps` steps until a solver is done at mu; propose only after an error."""
         return self._take_steps(solver, mu, steps)
 
     def finish(self, solver: Solver, mu: float = DESCENT.final_mu,
                steps: int = DESCENT.most_steps) -> Status:
-        """Take at most `steps` steps until a solver is done, with proposals to the incumbent."""
+        """Take at most `steps` steps until a solver is done at mu, with proposals in between."""
         return self._take_steps(solver, mu, steps, try_every=DESCENT.try_every)
 
     def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array,
@@ -182,11 +181,13 @@ class SolverDriver:
         """
         Return a solver of starts (S, N, U, 3) on the full grid, refined through grids in between.
 
-        Starts without flights strictly inside the limits of a finer grid are left out.
+        Starts take steps on the grids in between, not on the coarse and the full one. Starts
+        without flights strictly inside the limits of a finer grid are left out.
 
         :param mu: barrier parameter on the coarse grid, of all starts or of each, (S,).
         :param prices: prices of energies on the coarse grid, of all or of each, (S, U).
-        :param scale: scale of DESCENT.middle_mu and DESCENT.refined_mu.
+        :param scale: factor of DESCENT.middle_mu and DESCENT.refined_mu.
+        :raises NumericalError: when no start is left.
         """
         prices = np.full((len(x), len(coarse.fixed)), 1.0) * prices
         full = self.grid.slots
@@ -242,7 +243,7 @@ class SolverDriver:
         return 'iteration_limit'
 
     def try_best(self, solver: Solver) -> None:
-        """Propose a solver's best iterate, interpolated to the full grid, to the incumbent."""
+        """Propose what the solver proposes, interpolated to the full grid, to the incumbent."""
         x = solver.propose()
         if x is None:
             return
@@ -251,7 +252,7 @@ class SolverDriver:
         self.try_variables(x)
 
     def try_variables(self, x: Array) -> None:
-        """Propose variables of the full grid, (N, U, 3), to the incumbent."""
+        """Propose variables (N, U, 3) of the full grid; only powers if all flights are fixed."""
         positions = None if self.grid.fixed.all() else self.grid.positions(x)
         self.incumbent.try_improve(positions, self.grid.powers(x))
 

@@ -22,7 +22,7 @@ def improve(incumbent: Incumbent) -> Status:
     """
     Improve an Incumbent by the joint method until it has converged or must stop.
 
-    :param incumbent: an Incumbent, which is the only start if it is `warm`.
+    :param incumbent: an Incumbent. Its iterate is the only start if `warm` and within max_energy.
     :return: the status.
     """
     driver = SolverDriver(incumbent)
@@ -87,7 +87,7 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
 
 
 def _improve_guaranteed(driver: SolverDriver) -> Status:
-    """Improve the incumbent of a SolverDriver for (P2), which is (P1) if discs are points."""
+    """Improve the incumbent of a SolverDriver for (P2), which equals (P1) if all radii are 0."""
     incumbent = driver.incumbent
     if incumbent.warm:
         return run_to_end(improve_incumbent, driver)

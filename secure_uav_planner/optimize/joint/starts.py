@@ -25,13 +25,13 @@ _Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
 def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     """
-    Return hovering places of S fly-hover-fly flights, (S, U, 2) in m.
+    Return hovering places of `count` = S fly-hover-fly flights, (S, U, 2) in m.
 
     With several ground nodes, _visit_nodes extends the places to (S, G, U, 2). The first start is
-    the paper's: the transmitter above the ground node, the jammers above the eavesdroppers in
-    turn. Other starts have random places around receivers, near enough for lines of sight if these
-    count; the places rotate and shift with the map. Receivers that move are taken at `times`:
-    at half time, and in every second start at random times.
+    the paper's: the transmitter above the first ground node, the jammers above the eavesdroppers
+    in turn. Other starts have random places around this ground node and random eavesdroppers, near
+    enough for lines of sight if these count; the places rotate and shift with the map. Receivers
+    that move are taken at half time, and in starts 1, 3, 5, ... at random times.
     """
     rng = np.random.default_rng(0)
     uavs = len(scenario.uavs)
@@ -44,15 +44,15 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     target = rng.integers(len(centres), size=(count, uavs))
     target[0, 1:] = np.arange(uavs - 1) % len(centres)
     ground, eavesdropper = grounds[0, 0], centres[0, 0]
-    time = np.arange(count * uavs).reshape(count, uavs)  # Index of each UAV's time.
-    targets = centres[target, time]
-    targets[:, 0] = grounds[0, time[:, 0]]
+    index = np.arange(count * uavs).reshape(count, uavs)  # Index in times.ravel().
+    targets = centres[target, index]
+    targets[:, 0] = grounds[0, index[:, 0]]
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
     x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
-    errors = radii[target, time]
+    errors = radii[target, index]
     errors[:, 0] = 0.0
     # Largest distance [m] from a target with lines of sight to its whole disc.
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
@@ -65,10 +65,10 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     """
     Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
 
-    The transmitter visits the nodes in the orders of list_orders in turn. It hovers above the
-    nodes in as many starts as there are orders, and at random distances in later starts. In
-    starts 3, 7, 11, ... it stays at one random place between the nodes; without a jammer it takes
-    the stops of _find_short_way instead. Jammers stay at their places.
+    In starts 3, 7, 11, ... the transmitter stays at one random place between the nodes; without a
+    jammer it takes the stops of _find_short_way instead. In other starts it visits the nodes in
+    the orders of list_orders in turn: above the nodes in starts before number len(orders), and at
+    random distances from them later. Jammers stay at their places.
 
     :param places: hovering places of the starts for the first ground node, (S, U, 2) in m.
     """
@@ -133,7 +133,7 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     :param problem: Problem of the grid's scenario.
     :param baseline: feasible flights, (U, N+2, 2) in m, for starts if no random flight is found.
     :param raise_if_over: called before each flight; an error that it raises is passed on.
-    :return: the starts, (S, N, U, 3), and their first barrier parameters in units, (S,).
+    :return: each batch: starts (S, N, U, 3) and their first barrier parameters (S,) in units.
     :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
         grid that can be finer.
     """
@@ -155,7 +155,7 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
 def _generate_visiting(grid: Grid, baseline: Array, count: int,
                        raise_if_over: DeadlineCheck) -> tuple[Array, Array, float]:
     """
-    Return the best starts of generate_visits and the baseline as the last one, at most `count`.
+    Return the best starts of generate_visits, the best first, and the baseline; at most `count`.
 
     Starts without strictly feasible flights are left out.
 
@@ -218,10 +218,10 @@ def _generate_flights(grid: Grid, problem: Problem,
                       batch: Iterable[tuple[Array, _Routes, bool]],
                       raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
     """
-    Yield flights on the scenario's slots and, strictly inside the limits, on a grid.
+    Yield pairs of flights: on the scenario's slots, and on a grid, strictly inside its limits.
 
-    :param batch: hovering places, (U, 2) in m, routes as for build_flights, and whether UAVs that
-        meet pass each other on the side opposite to the nearest.
+    :param batch: hovering places, (U, 2) or (G, U, 2) in m, routes as for build_flights, and
+        whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     for place, routes, opposite in batch:
         raise_if_over()
@@ -236,9 +236,9 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     """
     Return the variables (S, N, U, 3) of starts with random jamming powers, and their mu (S,).
 
-    Starts 1, 3, 5, ... begin close to the boundary of the limits. Starts 1, 5, 9, ... jam more.
-    Starts 3, 7, 11, ... transmit only in slots that have a rate without jamming, because in some
-    missions few slots deliver. Without such a slot they transmit in all slots.
+    Starts 1, 3, 5, ... have the low mu STARTS.close_mu. Starts 1, 5, 9, ... jam more. Starts 3,
+    7, 11, ... transmit only in slots that have a rate without jamming, because in some missions
+    few slots deliver. Without such a slot they transmit in all slots.
 
     :param flights: two flights of each start: on the scenario's slots, and on the grid.
     """
@@ -299,8 +299,8 @@ def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Route
     """
     Yield alternative routes to hovering places (U, 2) or (G, U, 2) in m.
 
-    First UAVs pass on the opposite side. Then one UAV takes its second or third shortest route, to
-    its place or to its goal.
+    The first alternative has UAVs that pass on the opposite side, if they keep a separation. In
+    each other one UAV takes its route 1 or 2 instead of 0, to its place or to its goal.
 
     :return: routes as for build_flights, and whether UAVs that meet pass on the opposite side.
     """
@@ -323,7 +323,7 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
-    :param share: share of each slack that the flights and powers keep free.
+    :param share: share of each slack that flights keep free; powers keep power_margin * share.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
     flights = find_interior(grid, positions, share, raise_if_over)
@@ -369,6 +369,8 @@ def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: Dea
     """
     Return flights on a grid that are strictly inside their limits, or None.
 
+    If the grid's flights are all fixed, they are only interpolated.
+
     :param positions: (U, M+2, 2) in m, for any number M of slots.
     :param share: share of each slack that the flights keep free.
     :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
@@ -383,9 +385,9 @@ def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: Dea
 
 def limit_acceleration(grid: Grid, positions: Array) -> Array:
     """
-    Return positions (U, N+2, 2) in m moved strictly inside the limits of acceleration.
+    Return positions (U, N+2, 2) in m moved strictly inside limits of acceleration, if there are.
 
-    Blending towards the reference flight and interpolating, before this, keep the speed limit.
+    Without limits of acceleration positions stay: blending and interpolation keep the speed limit.
     """
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):

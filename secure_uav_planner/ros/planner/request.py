@@ -17,7 +17,7 @@ from ..messages import serialize_plan
 from ...errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, TimeLimitError)
 from ...mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
-from ...optimize.incumbent import mute_nonpositive_slots
+from ...optimize.incumbent import mute_negative_slots
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.tracking import (
@@ -205,7 +205,7 @@ class Request:
         # Time [s] by which point 0 is later than the prediction took it to be.
         later = start_ns * 1e-9 - self.clock.clock
         scenario = self.receivers.postpone(plan.scenario, later)
-        powers, _ = mute_nonpositive_slots(scenario, plan.positions, plan.powers, plan.objective)
+        powers, _ = mute_negative_slots(scenario, plan.positions, plan.powers, plan.objective)
         return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
                        promised_until=until - later)
 
