@@ -232,6 +232,7 @@ class _Quote(reprlib.Repr):
         self.maxlevel = 3
 
     def repr1(self, x: Any, level: int) -> str:
+        """Return one line for `x`: NumPy as plain numbers, None as null inside yaml_notation."""
         if type(x).__module__.partition('.')[0] == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
         if _yaml_notation.get() and (x is None or isinstance(x, bool)):
@@ -247,7 +248,7 @@ quote = _Quote().repr
 
 
 def brief(text: object, most: int = 400) -> str:
-    """Return a text or an error as one line; the middle of a long text is cut out."""
+    """Return a text or an error as one line of `most` characters or fewer, without its middle."""
     line = ' '.join(str(text).split())
     if len(line) <= most:
         return line

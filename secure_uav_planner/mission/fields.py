@@ -182,7 +182,7 @@ class Members:
 
 
 def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any, ...]:
-    """Return the items of a sequence as a check converts them."""
+    """Return the items as a check converts them; its error gets the item's index as path."""
     items: list[Any] = []
     try:
         for value in values:
@@ -194,7 +194,7 @@ def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any
 
 
 def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[float, ...]:
-    """Return numbers as floats, each checked by the range with its name."""
+    """Return numbers as floats, number k checked by range k, whose name an error has."""
     numbers = []
     for value, (name, check) in zip(values, ranges.items(), strict=True):
         try:
@@ -270,7 +270,7 @@ class ErrorList(list[ScenarioError]):
 
     @contextmanager
     def collecting(self, *path: str | int, owner: str = '') -> Iterator[None]:
-        """Add the errors that leave the with statement, with their path and owner in front."""
+        """Catch a ScenarioError in the with statement; add it and its `further`, with path."""
         try:
             yield
         except ScenarioError as error:
@@ -318,6 +318,7 @@ class FieldChecks(ErrorList):
             self.append(_make_error(name, f'lacks {", ".join(self._missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
             value = getattr(item, field.name)
+            # None is not checked if the default or the type of the field allows it.
             if field.name in self._missing or 'check' not in field.metadata or value is None and (
                     field.default is None or NoneType in get_args(field.type)):
                 continue
@@ -376,7 +377,7 @@ class Checked:
 
 def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
-    Return an object of a class from a mapping of its fields, or raise all their errors.
+    Return an object of a class from a mapping of its fields, or raise kind._ERROR of all errors.
 
     :param name: name of the data in messages; '' for a field, whose name PlanningError.add_path
         adds.

@@ -238,7 +238,7 @@ class Scenario(Stored):
 
     @cached_property
     def landmarks(self) -> Array:
-        """Places of starts, of goals, and of receivers at the points 1..N, (K, 2) in m."""
+        """Places of starts, goals, and receivers (at points 1..N if any moves), (K, 2) in m."""
         receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
         return read_only(np.concatenate([
             self.starts, self.goals, *receivers.ground_nodes, *receivers.centres]))
@@ -273,7 +273,7 @@ class Scenario(Stored):
     @cached_property
     def outage_share(self) -> float:
         """
-        Outage budget of each link and cause; 0 without a stated outage.
+        Outage budget of each link and cause, fading or line of sight; 0 without a stated outage.
 
         By the union bound, the probability that any link is on the wrong side of its quantile is
         at most the outage, whatever the dependence between links.

@@ -217,7 +217,7 @@ class Plan(RatedFlight):
 
     @cached_property
     def identity(self) -> str:
-        """Identity of the plan: 8 digits, a hash of its start, positions and powers."""
+        """Hash of start, positions, powers and several nodes' shares: 8 hexadecimal digits."""
         content = [str(self.start_ns).encode(), self.positions.tobytes(), self.powers.tobytes()]
         if len(self.shares) > 1:
             content.append(self.shares.tobytes())
@@ -235,7 +235,7 @@ class Plan(RatedFlight):
 
     @property
     def claim(self) -> str:
-        """Proven quality of the plan as text, empty without a bound; see Bound.claim."""
+        """Name of the bounded rate and its Bound.claim as text; empty without a bound."""
         if self.bound is None:
             return ''
         return (f'{self.scenario.channel.rate_name(self.bound.objective)} '
@@ -255,7 +255,8 @@ class Plan(RatedFlight):
         """
         Return this plan with a promise that ends before the slot that is flown at a time.
 
-        A plan whose promise has ended earlier is returned itself.
+        While slot n is flown it ends at point n - 1, and before slot 1 at point 0. A plan whose
+        promise has ended there or earlier is returned itself.
 
         :param time: time from point 0 [s].
         """

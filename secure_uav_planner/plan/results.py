@@ -44,8 +44,9 @@ def explain_silence(scenario: Scenario) -> str:
     """
     Say why no plan of a scenario can carry anything in secret, or return an empty string.
 
-    An empty string does not mean that a plan can: only two reasons are looked for, a disc that
-    always covers a ground node, and a listener at the same place.
+    An empty string does not mean that a plan can: only two reasons are looked for. In each slot
+    the disc of an eavesdropper that receives as well covers a ground node, or a ground node that
+    is not trusted is always where another one is.
     """
     grounds, centres, radii = scenario.receivers
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
@@ -182,7 +183,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Mean guaranteed rate along the curve of each ground node times its fraction, (G, N)."""
+        """Fraction of each slot for each node times [mean R-bar along the curve]^+, (G, N)."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
             lambda times: (self.curve.at(times).positions, self.powers))))
@@ -306,8 +307,9 @@ class Bound(Checked):
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        If the bound ignores a limit, the text says that the best possible plan is one without
-        this limit.
+        The percentage is 100 * share_missing, rounded up. For an infinite bound, which proves
+        nothing, the text is 'perhaps far below the best possible'. If the bound ignores limits,
+        their names follow ' without': the best possible plan is then one without them.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

@@ -112,7 +112,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
 
 
 def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
-    """Return `updated`, but with receivers that follow `scenario` up to a point."""
+    """Return `updated` with receivers that follow `scenario` up to a point, unless it is 0."""
     if point == 0:
         return updated
     step = scenario.slot_duration
@@ -176,7 +176,7 @@ def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float,
 
 
 def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return gaps merged where they overlap; a point at which two gaps only touch is promised."""
+    """Return sorted gaps, merged if they overlap; if two only touch, the point is promised."""
     merged: list[tuple[float, float]] = []
     for begin, end in sorted(gaps):
         if merged and begin < merged[-1][1]:

@@ -67,7 +67,7 @@ class UavErrors(NamedTuple):
 
 
 def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
-    """Return a UAV's errors, and its distances (K,) [m] from the planned path at flight.times."""
+    """Return a UAV's errors, and its distances (K,) [m], >= 0, from its path at flight.times."""
     times, uav = flight.times, flight.plan.scenario.uavs[index]
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
@@ -157,7 +157,7 @@ def _measure_battery(flight: FlownFlight, index: int) -> float:
 
 
 def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float:
-    """Return the RMS distance [m] of the autopilot's setpoints from planned positions (K, 2)."""
+    """Return the RMS distance [m] of the log's setpoints from `planned` (K, 2), NaN for none."""
     log, clock = flight.logs[flight.plan.scenario.uavs[index].name], flight.clocks[index]
     if log.setpoints is None:
         return math.nan

@@ -23,7 +23,7 @@ _CLOSE_FIT = 0.05  # A fit is close if its RMS is below this share of the extent
 def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: object
                ) -> tuple[dict[str, VehicleLog], set[str]]:
     """
-    Return logs moved into the plan's frame, and the names of UAVs whose log could be moved.
+    Return logs moved into the plan's frame, and the names of UAVs whose log was moved.
 
     A log without a shift and without an origin on Earth, of itself or the mission, is not moved.
 
@@ -75,7 +75,11 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
 
 
 def _suggest(log: VehicleLog, course: Course, uav: int, tolerance: float) -> str:
-    """Return the option to type for a log in another frame, or '' if no displacement fits."""
+    """
+    Return what to type for a log in another frame: --shift or --at fit; '' if nothing fits.
+
+    If the log fits with x and y swapped, the text says so instead.
+    """
     name = course.last.scenario.uavs[uav].name
     swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])
     for candidate in (log, swapped):

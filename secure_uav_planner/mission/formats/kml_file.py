@@ -65,7 +65,7 @@ def list_placemarks(data: bytes) -> list[tuple[Any, Any]]:
 
 
 def _find_placemark_kinds(root: ElementTree.Element) -> set[str]:
-    """Return Placemark and the tags that a Schema of KML 2.0 declares to be one."""
+    """Return 'Placemark' and the tags that a Schema of KML 2.0 derives from it."""
     kinds = {'Placemark'}
     for schema in root.iter('Schema'):
         if _strip(schema.get('parent') or schema.findtext('parent')) in kinds:
@@ -111,7 +111,7 @@ def _parse_corners(outline: ElementTree.Element) -> list[list[float]]:
 
 def _find_ceiling(polygon: ElementTree.Element, corners: list[list[float]], origin: Origin
                   ) -> float | None:
-    """Return the ceiling of a polygon in m above the ground, None for all heights."""
+    """Return the highest corner of a KML polygon [m above ground], None for all heights."""
     mode = _strip(polygon.findtext('altitudeMode')) or 'clampToGround'
     for element in polygon.iter('altitudeMode'):
         if _strip(element.text) != mode:

@@ -40,7 +40,7 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
 
     :param kind: the class Scenario, which imports this module.
     :param text: content that is read instead of the file; None to read the file.
-    :param airspace: the only `airspace` that `text` may name; with None it may name no airspace.
+    :param airspace: the only `airspace` that `text` may name, None for none. A file may name any.
     """
     document = read_document(path, text)
     check_foreign(path, document.data, *_FOREIGN_FILES)
