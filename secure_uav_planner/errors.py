@@ -73,7 +73,7 @@ class PlanningError(Exception):
 
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Call add_path on a PlanningError that leaves the with statement."""
+    """Put a path in front of a PlanningError that leaves the with statement, by add_path."""
     try:
         yield
     except PlanningError as error:
@@ -204,7 +204,7 @@ _yaml_notation: ContextVar[bool] = ContextVar('_yaml_notation', default=False)
 
 @contextmanager
 def yaml_notation() -> Iterator[None]:
-    """Write None, True and False in messages as YAML and JSON do."""
+    """Write null, true, false and nouns of classes in messages inside the with statement."""
     token = _yaml_notation.set(True)
     try:
         yield

@@ -82,7 +82,7 @@ class World(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check that fields which belong to one kind of place come with that kind."""
+        """Check that beyond, positions and covariance come with their place and are right."""
         item = checks.item
         for name, place in (('beyond', 'beyond'), ('positions', 'fixed'),
                             ('covariance', 'normal')):

@@ -167,7 +167,7 @@ class Members:
     most: int
 
     def __call__(self, values: Any) -> tuple[Any, ...]:
-        """Return the members as objects of `kind`, read from mappings if they are none."""
+        """Return the members as objects of `kind`; others are read as mappings of fields."""
         if not isinstance(values, (tuple, list)) or not self.least <= len(values) <= self.most:
             raise refuse(values, f'a list of {self.least} to {self.most} '
                          f'{describe_class(self.kind)}')

@@ -321,7 +321,7 @@ class Uav(Checked):
 
     @property
     def vehicle(self) -> Vehicle:
-        """Displacement from start to goal, limits and end velocities, as a Vehicle."""
+        """Way from start to goal and limits; end velocities only with a max_acceleration."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
         if self.max_acceleration is None:
             return Vehicle(displacement, self.max_speed)

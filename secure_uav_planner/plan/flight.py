@@ -137,7 +137,7 @@ class TimeScaleLimit:
         Integrate the largest playback speeds from which the flight can stop at its goals.
 
         The integration runs backwards from the end, where the playback speed is 0, until it
-        reaches the playback speed `fastest` or the begin, or until no UAV can slow down.
+        reaches the playback speed `fastest` or the begin, or until the limits allow no slowing.
 
         :return: increasing times [s] and playback speeds there; empty if all UAVs arrive at rest.
         """

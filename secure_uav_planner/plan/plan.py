@@ -332,7 +332,7 @@ class Plan(RatedFlight):
         :return: a pandas DataFrame with a row for each point of each UAV: uav, point, time in s,
             x, y and z in m, velocity_x and velocity_y in m/s, power in W, and guaranteed_rate and
             worst_case_rate of the slot in bit/s/Hz; of each eavesdropper's disc at that time
-            <name>.x, <name>.y and <name>.radius in m.
+            <name>.x, <name>.y and <name>.radius in m; of several ground nodes <name>.share.
         :raises MissingPackageError: when pandas is not installed.
         """
         with name_missing_package():
@@ -344,8 +344,8 @@ class Plan(RatedFlight):
 
         With P = N+2 points it has times (P, 1), positions (U, P, 2), altitudes (U, 1), powers
         (U, N), guaranteed_rates and worst_case_rates (N, 1), ground_node (P, 2), eavesdroppers
-        (E, P, 2), error_radii (E, P), uav_names and eavesdropper_names, in SI units and
-        bit/s/Hz.
+        (E, P, 2), error_radii (E, P), uav_names and eavesdropper_names, in SI units and bit/s/Hz.
+        Several ground nodes have ground_nodes (G, P, 2) and shares (G, N) instead of ground_node.
 
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """

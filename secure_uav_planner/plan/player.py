@@ -59,7 +59,7 @@ class Player:
         self._mutes_unpromised = mutes_unpromised
         self.flight: Flight | None = None
         self._limit: TimeScaleLimit | None = None  # Limits the playback speed of `flight`.
-        self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
+        self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0  # In bit/Hz and m.
         self._last: Moment | None = None  # The last setpoints.
         self._silence: float | None = 0.0  # Time [s] without a stream; None while streaming.
         # A plan that waits to be spliced in, and the present plan's time [s] at the splice.
@@ -251,7 +251,7 @@ class Player:
         return was_playing
 
     def reset(self) -> None:
-        """End the stream of setpoints; the latest plan, also a pending one, waits at its start."""
+        """End the stream of setpoints; the latest plan waits at its start, even a pending one."""
         self.playing = False
         if self.streaming:
             self._silence = 0.0

@@ -186,7 +186,7 @@ def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float
 
 
 def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
-    """Return the velocity in m/s with which a UAV reaches a point of its path, (N+2, 2)."""
+    """Return the velocity [m/s] of a UAV on the move to a point of path (N+2, 2); None if free."""
     if point == 0:
         return uav.start_velocity
     x, y = ((path[point] - path[point - 1]) / step).tolist()

@@ -316,7 +316,7 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
 def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_duration: float
                      ) -> Uav:
     """
-    Return a UAV that starts at a position [m] with a velocity [m/s], or None if it is unknown.
+    Return a UAV that starts at a position [m] with a velocity [m/s], None for an unknown one.
 
     With an acceleration limit and a known velocity, which is clipped to max_speed, the curve
     begins in this state half a slot before point 0. Otherwise point 0 is the position.

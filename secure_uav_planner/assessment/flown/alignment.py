@@ -47,7 +47,7 @@ class Shift(NamedTuple):
 
 
 def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
-    """Return the first of plan_time, utc (with a plan's start), takeoff (from rest) and fit."""
+    """Return the first that all logs allow: plan_time, utc and a start, takeoff from rest, fit."""
     if all(log.plan_times is not None for log in logs):
         return 'plan_time'
     if course.last.start_ns is not None and all(log.utc_offset is not None for log in logs):
@@ -119,8 +119,8 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
     :param uavs: index of the UAV of each log.
     :param is_moved: True if each log's frame may be displaced: its mean difference is subtracted.
-    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if the
-        logs cover too little of the plan, or if they are longer than _LONGEST_S.
+    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if none
+        fits, if the logs cover too little of the plan, or if they are longer than _LONGEST_S.
     """
     first = min(log.times[0] for log in logs)
     length = max(log.times[-1] for log in logs) - first

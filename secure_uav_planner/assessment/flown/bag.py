@@ -130,7 +130,7 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
     A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
     where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
-    UAV that waits at its start for the planned time keeps the promise.
+    UAV that waits at its start for the planned time, or is at its goal, keeps the promise.
     """
     if plan.promised_until is None:
         return plan

@@ -130,7 +130,7 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
 
 
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
-    """Return the largest speed [m/s] and acceleration [m/s^2] flown, and the energy [J]."""
+    """Return largest speed [m/s] and acceleration over _WINDOW_S [m/s^2], and energy [J] flown."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     clock = clock[np.isfinite(clock)]
     # Speeds and energy are measured on the log's clock, since the plan's time stops in a pause.

@@ -117,7 +117,7 @@ def read_document(path: str | os.PathLike[str], text: str | None = None) -> Docu
 
 def make_file_error(path: str | os.PathLike[str], problems: Iterable[FileProblem]
                     ) -> MissionFileError:
-    """Return the error of a file, with `problems` sorted by line; its text is the first one."""
+    """Return the error of a file; its text has the first of `problems` by line."""
     problems = sorted(problems, key=lambda problem: problem.line or 0)
     line, text = problems[0]
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''

@@ -35,7 +35,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def list_placemarks(data: bytes) -> list[tuple[Any, Any]]:
-    """Return (name, element) of each placemark; raise ScenarioError for areas outside of one."""
+    """Return (name, element) of each placemark; refuse links, times, and areas outside of one."""
     root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Builder()))
     namespace = root.tag[:-3] if root.tag.endswith('}kml') else None
     for element in root.iter():
@@ -74,7 +74,7 @@ def _find_placemark_kinds(root: ElementTree.Element) -> set[str]:
 
 
 def read_polygons(placemark: ElementTree.Element, origin: Origin) -> Iterator[Area]:
-    """Yield the areas of a placemark, whose corners are longitude, latitude, altitude."""
+    """Yield the areas of a placemark; refuse holes, other shapes and stray coordinates."""
     shapes, rest = [], [*reversed(placemark)]
     while rest:
         element = rest.pop()

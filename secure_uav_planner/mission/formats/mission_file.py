@@ -71,7 +71,7 @@ def check_foreign(path: str | os.PathLike[str], data: Any, *fields: str) -> None
 
 def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     """
-    Add the zones and the fence of its airspace file to the plain values of a mission.
+    Replace `airspace` in the plain values of a mission by the zones and the fence of this file.
 
     :param folder: folder of the mission file, to which the airspace's path is relative.
     :raises ScenarioError: if the airspace file is wrong or cannot be read, if the mission has no
