@@ -248,7 +248,7 @@ quote = _Quote().repr
 
 
 def brief(text: object, most: int = 400) -> str:
-    """Return a text or an error as one line of `most` characters or fewer, without its middle."""
+    """Return a text or an error as one line; its middle is cut out beyond `most` characters."""
     line = ' '.join(str(text).split())
     if len(line) <= most:
         return line

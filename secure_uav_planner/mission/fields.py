@@ -308,6 +308,7 @@ class FieldChecks(ErrorList):
     """
 
     def __init__(self, kind: 'type[Checked]', item: Any, name: str) -> None:
+        """Convert the fields of `item` in place, and collect the errors of wrong ones."""
         super().__init__()
         own_name = getattr(item, 'name', None)
         self.item = item

@@ -126,6 +126,7 @@ class Scenario(Stored):
             ground_node_track: Track | None = None, origin: Origin | None = None,
             ground_nodes: tuple[GroundNode, ...] = LEFT_OUT, head_starts: tuple[float, ...] = ()
             ) -> None:
+        """Check each field, then the fields against each other; raise all errors as one."""
         values = {name: value for name, value in locals().items() if name != 'self'}
         errors = ErrorList()
         for name, value in self._expand(values, errors).items():

@@ -33,7 +33,7 @@ class Flight(NamedTuple):
 
     @property
     def state(self) -> str:
-        """State of the flight: 'waiting', 'flying', 'held' or 'ended'."""
+        """State: 'waiting' at the begin, 'ended' at the end, else 'held' (paused) or 'flying'."""
         if self.time >= self.playback.duration - _ROUNDING:
             return 'ended'
         if self.time <= self.playback.begin + _ROUNDING:

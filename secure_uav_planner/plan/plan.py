@@ -45,7 +45,7 @@ _LEAST_RATE = 5e-5  # Smallest rate [bit/s/Hz] that a text with four digits does
 
 
 def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
-    """Return gaps as tuples (begin, end), or refuse them unless all times increase."""
+    """Return gaps as tuples (begin, end) [s]; refuse a time before the time that it follows."""
     def check(value: Any) -> tuple[float, float]:
         if not is_sequence(value) or len(value) != 2:
             raise refuse(value, 'a begin and an end')
@@ -113,6 +113,7 @@ class Plan(RatedFlight):
     _ERROR = PlanError
 
     def __post_init__(self) -> None:
+        """Check and convert all fields, then the limits and clearances of the flight."""
         super().__post_init__()
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for name, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
@@ -159,7 +160,7 @@ class Plan(RatedFlight):
         object.__setattr__(self, 'shares', shares)
 
     def _check_ends(self) -> None:
-        """Raise a PlanError unless the paths begin and end at starts and goals."""
+        """Raise a PlanError unless paths begin and end within POSITION_TOLERANCE of their ends."""
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for end, point in (('start', path[0]), ('goal', path[-1])):
                 if np.abs(point - getattr(uav, end)).max() > POSITION_TOLERANCE:
@@ -253,7 +254,7 @@ class Plan(RatedFlight):
 
     def end_promise(self, time: float) -> 'Plan':
         """
-        Return this plan with a promise that ends before the slot that is flown at a time.
+        Return a copy of this plan whose promise ends before the slot that is flown at a time.
 
         While slot n is flown it ends at point n - 1, and before slot 1 at point 0. A plan whose
         promise has ended there or earlier is returned itself.
@@ -283,7 +284,7 @@ class Plan(RatedFlight):
 
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
-        Return this plan with a bound, which is saved and shown with it.
+        Return a copy of this plan with a bound, which is saved and shown with it.
 
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
         :raises PlanError: for anything else.

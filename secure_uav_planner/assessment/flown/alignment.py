@@ -79,7 +79,7 @@ def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 
 def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) -> Array:
-    """Return the log's time in s at times of the plan (K,); NaN where nothing reports it."""
+    """Return the log's time [s] at times (K,) of the plan; NaN outside of plan_time's reports."""
     if source != 'plan_time':
         return times + shift.seconds
     assert log.plan_times is not None
