@@ -274,10 +274,10 @@ class Scenario(Stored):
     @cached_property
     def outage_share(self) -> float:
         """
-        Outage budget of each link and cause, fading or line of sight; 0 without a stated outage.
+        Outage budget of each link and cause, fading or line of sight: outage / (links * causes).
 
         By the union bound, the probability that any link is on the wrong side of its quantile is
-        at most the outage, whatever the dependence between links.
+        at most the outage, whatever the dependence between links. It is 0 without an outage.
         """
         channel = self.channel
         causes = (channel.rician_k_db is not None) + (channel.los is not None)

@@ -211,9 +211,10 @@ class Watch:
         """
         Return True if a UAV stands or brakes to rest instead of returning to its plan.
 
-        Its last position must be at least _DISTINCT_M nearer to where predict_stop than to where
-        predict_return puts it from the first state. Its last velocity, if known, must be nearer to
-        0 than to the autopilot's command. Before _LEAST_WATCHED_S of motion the answer is False.
+        predict_stop and predict_return predict the last position from the first state. The last
+        position must be at least _DISTINCT_M nearer to the stop than to the return. The last
+        velocity, if known, must be nearer to 0 than to the autopilot's command. Before
+        _LEAST_WATCHED_S of motion the answer is False.
         """
         if not self._states or (
                 self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):

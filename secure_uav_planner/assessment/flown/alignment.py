@@ -47,7 +47,7 @@ class Shift(NamedTuple):
 
 
 def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
-    """Return the first that all logs allow: plan_time, utc and a start, takeoff from rest, fit."""
+    """Return the first of 'plan_time', 'utc', 'takeoff' and 'fit' that plan and all logs allow."""
     if all(log.plan_times is not None for log in logs):
         return 'plan_time'
     if course.last.start_ns is not None and all(log.utc_offset is not None for log in logs):
@@ -88,7 +88,7 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) 
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
-    """Return the Shift of a log by the reports on plan_time; raise LogFileError without any."""
+    """Return the Shift by reports: median of log minus plan time [s], and largest deviation."""
     if log.plan_times is None:
         raise LogFileError('it has no plan_time of this plan')
     delays = np.subtract(*log.plan_times)

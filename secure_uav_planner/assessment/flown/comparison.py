@@ -89,13 +89,13 @@ class Comparison:
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Promised slots with shortfall > BROKEN * planned + NEGLIGIBLE * mean planned, (N,)."""
+        """Promised slots that lack over BROKEN of their planned rate + NEGLIGIBLE of its mean."""
         planned = self.planned[self.plan.objective].sum(axis=0)
         return self.promised & (np.nan_to_num(self.shortfalls) > (
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """Return min over nodes of (mean rate in covered slots + offset) / weight [bit/s/Hz]."""
+        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz] or NaN."""
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():

@@ -25,10 +25,11 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
     """
     Return logs moved into the plan's frame, and the names of UAVs whose log was moved.
 
-    A log without a shift and without an origin on Earth, of itself or the mission, is not moved.
+    A log is moved by its shift. Without a shift it is moved by the origins on Earth of log and
+    mission. If one of these is missing, the log is returned as it is.
 
-    :param shifts: position (x, y) in m of the origin of each UAV's log in the plan's frame, by
-        UAV, or None. A UAV without one gets it from the origins of its log and of the mission.
+    :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV; may
+        lack UAVs, or be None.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
