@@ -130,7 +130,8 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
     Yield the places of the eavesdroppers in each slot, (E, D, 2) in m.
 
     In a draw, an eavesdropper keeps the random numbers of its offset from its centre in all slots.
-    Centres are at speed_factor times the slot's time; radii are those at the slot's time.
+    Centres are world.positions, or on the tracks at speed_factor times the slot's time. Radii are
+    the tracks' at the slot's time.
     """
     rng, shape = make_stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
     laws: dict[str, Callable[..., Array]] = {'normal': rng.standard_normal, 'fixed': np.zeros}

@@ -85,6 +85,7 @@ class Pair:
     is_optional: bool = False
 
     def __call__(self, value: Any) -> Point:
+        """Return a pair (x, y) as floats, or refuse places in degrees and wrong numbers."""
         check_degrees(value)
         low, high = COORDINATE.low, COORDINATE.high
         x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2

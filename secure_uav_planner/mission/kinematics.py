@@ -66,9 +66,9 @@ class Vehicle:
         """
         Return the largest speed of each move of a straight flight, (N+1,) in m/s.
 
-        It is the least of max_speed; (n + 1) * max_acceleration * step for move n, if a start
-        velocity is given; and (N + 1 - n) * max_acceleration * step, if a goal velocity is given.
-        A given velocity is taken as 0.
+        For move n it is at most max_speed; (n + 1) * max_acceleration * step after a given start
+        velocity; and (N + 1 - n) * max_acceleration * step before a given goal velocity. A given
+        velocity is taken as 0.
         """
         top = np.full(slots + 1, self.max_speed)
         if not math.isinf(self.max_acceleration):

@@ -140,7 +140,7 @@ class RatedFlight(Checked):
     @cached_property
     def guaranteed_rates(self) -> Array:
         """
-        Guaranteed rate [R-bar]^+ of each slot, summed over the ground nodes, (N,) in bit/s/Hz.
+        Guaranteed rate of each slot, the sum of share * [R-bar]^+ over nodes, (N,) in bit/s/Hz.
 
         It holds for every place of the eavesdroppers inside their discs at the times of the
         points. It holds neither outside the discs nor between the points; see curve_rates.
@@ -155,9 +155,9 @@ class RatedFlight(Checked):
     @cached_property
     def worst_case_rates(self) -> Array:
         """
-        Worst-case rate R of each slot, equation (6), summed over ground nodes, (N,) in bit/s/Hz.
+        Worst-case rate of each slot, the sum of share * [R]^+ over nodes, (N,) in bit/s/Hz.
 
-        It is the least secrecy rate over all places of the eavesdroppers inside their discs at
+        R, equation (6), is the least secrecy rate over all eavesdropper places in the discs at
         the times of the points. It does not hold outside the discs or between the points.
         """
         return read_only(self.worst_case_shares.sum(axis=0))
@@ -175,7 +175,7 @@ class RatedFlight(Checked):
     @cached_property
     def curve_rates(self) -> Array:
         """
-        Guaranteed rates along the curve, as means over each slot, (N,) in bit/s/Hz.
+        Guaranteed rates along the curve, as means over time in each slot, (N,) in bit/s/Hz.
 
         They differ from guaranteed_rates, the rates at the points, by the discretisation.
         """

@@ -141,11 +141,12 @@ class FollowerReports:
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """
-        Return the plan's time [s] from its point 0 and the playback speed at a clock's time [ns].
+        Return the plan's time [s] from its point 0 at a clock's time [ns], and a playback speed.
 
+        The speed is the one between the last two reports, also for an earlier clock's time.
         Between reports the plan's time is interpolated, and before the first report it is the
-        first reported one. After the last report it advances at the last playback speed
-        for SILENCE. Then it stands still and the playback speed is 0.
+        first reported one. After the last report it advances at the playback speed for SILENCE.
+        Then it stands still and the playback speed is 0.
         """
         (last, plan), scale = self._pairs[-1], self._first_scale
         if self.has_time_scale:
@@ -244,7 +245,7 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     """
     times = np.asarray(times, float)
     horizon = max(0.0, float(times[-1]) - state.time)
-    # Up to a horizon of 1000 s the step is fixed: the last time does not change a prediction.
+    # The step is fixed up to a horizon of 1000 s, so that the last of `times` changes nothing.
     step = max(_STEP, horizon / _MOST_STEPS)
     count = max(1, math.ceil(horizon / step))
     grid = state.time + step * np.arange(count + 1)
@@ -380,11 +381,12 @@ class AchievedRates:
     def add(self, playback: Playback, time: float, positions: Array, time_scale: float = 1.0
             ) -> None:
         """
-        Add measured positions (U, 2) in m, at a time [s] from point 0 of a plan.
+        Add the rates at measured positions (U, 2) [m] to the means, since the last call.
 
         A plan with another start begins a new flight. The time since the last call is left out of
         the means if it exceeds 2 s, or `time_scale` times 2 s for a faster playback.
 
+        :param time: time [s] of the positions, from point 0 of the plan.
         :param time_scale: playback speed.
         :raises OptionError: for positions of another shape.
         """

@@ -148,7 +148,7 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
 
 
 def _measure_battery(flight: FlownFlight, index: int) -> float:
-    """Return the energy [J] taken from the battery from the first to the last covered time."""
+    """Return the energy [J] taken from the battery between first and last covered time, or NaN."""
     log = flight.logs[flight.plan.scenario.uavs[index].name]
     clock = flight.clocks[index][flight.covered[index]]
     if log.battery is None or not len(clock):

@@ -110,7 +110,8 @@ def _find_map_kind(feature: Any) -> str | None:
     """
     Return the kind of a feature that a plan's map contains, None for a feature of another source.
 
-    In a plan's map, paths, ground nodes and tracks are no polygons, and the fence has no name.
+    A plan's map has exactly the properties kind, name and MAP_PROPERTIES[kind]. In it, paths,
+    ground nodes and tracks are no polygons, and the fence has no name.
     """
     kind = (properties := _properties(feature)).get('kind')
     if not isinstance(kind, str) or kind not in MAP_PROPERTIES or (
@@ -172,7 +173,7 @@ def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
 
 
 def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
-    """Return 'floor' or 'ceiling' [m] above the ground, from that property or <name>_amsl."""
+    """Return 'floor' or 'ceiling' [m] above the ground, by <name> or <name>_amsl, or None."""
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)
