@@ -45,7 +45,7 @@ _LEAST_RATE = 5e-5  # Smallest rate [bit/s/Hz] that a text with four digits does
 
 
 def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
-    """Return gaps as tuples (begin, end) [s]; refuse a time before the time that it follows."""
+    """Return gaps as tuples (begin, end) [s]; refuse unsorted times. Equal ones are allowed."""
     def check(value: Any) -> tuple[float, float]:
         if not is_sequence(value) or len(value) != 2:
             raise refuse(value, 'a begin and an end')
@@ -160,7 +160,7 @@ class Plan(RatedFlight):
         object.__setattr__(self, 'shares', shares)
 
     def _check_ends(self) -> None:
-        """Raise a PlanError unless paths begin and end within POSITION_TOLERANCE of their ends."""
+        """Raise a PlanError unless paths begin at starts, end at goals, to POSITION_TOLERANCE."""
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for end, point in (('start', path[0]), ('goal', path[-1])):
                 if np.abs(point - getattr(uav, end)).max() > POSITION_TOLERANCE:

@@ -45,7 +45,7 @@ def explain_silence(scenario: Scenario) -> str:
     Say why no plan of a scenario can carry anything in secret, or return an empty string.
 
     An empty string does not mean that a plan can: only two reasons are looked for. In each slot
-    the disc of an eavesdropper that receives as well covers a ground node, or a ground node that
+    the disc of an eavesdropper that receives no worse covers a ground node, or a ground node that
     is not trusted is always where another one is.
     """
     grounds, centres, radii = scenario.receivers

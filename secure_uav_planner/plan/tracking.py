@@ -212,8 +212,8 @@ class Watch:
         """
         Return True if a UAV stands or brakes to rest instead of returning to its plan.
 
-        predict_stop and predict_return predict the last position from the first state. The last
-        position must be at least _DISTINCT_M nearer to the stop than to the return. The last
+        From the first state, predict_stop and predict_return give two positions for now. The last
+        measured one must be at least _DISTINCT_M nearer to the stop than to the return. The last
         velocity, if known, must be nearer to 0 than to the autopilot's command. Before
         _LEAST_WATCHED_S of motion the answer is False.
         """
@@ -381,7 +381,7 @@ class AchievedRates:
     def add(self, playback: Playback, time: float, positions: Array, time_scale: float = 1.0
             ) -> None:
         """
-        Add the rates at measured positions (U, 2) [m] to the means, since the last call.
+        Add the time since the last call to the means, with rates at measured positions (U, 2) [m].
 
         A plan with another start begins a new flight. The time since the last call is left out of
         the means if it exceeds 2 s, or `time_scale` times 2 s for a faster playback.

@@ -89,7 +89,7 @@ class Comparison:
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Promised slots that lack over BROKEN of their planned rate + NEGLIGIBLE of its mean."""
+        """Promised slots with shortfall > BROKEN * planned + NEGLIGIBLE * mean planned, (N,)."""
         planned = self.planned[self.plan.objective].sum(axis=0)
         return self.promised & (np.nan_to_num(self.shortfalls) > (
             BROKEN * planned + NEGLIGIBLE * planned.mean()))

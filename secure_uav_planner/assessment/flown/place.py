@@ -28,8 +28,8 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
     A log is moved by its shift. Without a shift it is moved by the origins on Earth of log and
     mission. If one of these is missing, the log is returned as it is.
 
-    :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV; may
-        lack UAVs, or be None.
+    :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV. UAVs
+        may be missing; None has no UAV.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
