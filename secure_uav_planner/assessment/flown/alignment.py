@@ -97,7 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift: median over UAVs of departure in log minus in plan, and half the spread."""
+    """Return the Shift: median over UAVs of departure in log minus in plan, half the spread."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
