@@ -33,6 +33,7 @@ _MODULES = ('apps.campaigns', 'assessment', 'bound', 'errors', 'mission.formats.
 
 
 def __getattr__(name: str) -> object:
+    """Return the object of a public name; its first use loads all public names."""
     if not name.startswith('_') or name == '__version__':
         modules = [import_module(f'.{module}', __name__) for module in _MODULES]
         globals().update({public: getattr(module, public) for module in modules

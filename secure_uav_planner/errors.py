@@ -73,7 +73,7 @@ class PlanningError(Exception):
 
 @contextmanager
 def prefix_path(*path: str | int) -> Iterator[None]:
-    """Call add_path on a PlanningError that leaves the with statement."""
+    """Put a path in front of a PlanningError that leaves the with statement, by add_path."""
     try:
         yield
     except PlanningError as error:
@@ -204,7 +204,7 @@ _yaml_notation: ContextVar[bool] = ContextVar('_yaml_notation', default=False)
 
 @contextmanager
 def yaml_notation() -> Iterator[None]:
-    """Write None, True and False in messages as YAML and JSON do."""
+    """Write null, true, false and nouns of classes in messages inside the with statement."""
     token = _yaml_notation.set(True)
     try:
         yield
@@ -232,6 +232,7 @@ class _Quote(reprlib.Repr):
         self.maxlevel = 3
 
     def repr1(self, x: Any, level: int) -> str:
+        """Return one line for `x`: NumPy as plain numbers, None as null inside yaml_notation."""
         if type(x).__module__.partition('.')[0] == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
         if _yaml_notation.get() and (x is None or isinstance(x, bool)):
@@ -247,7 +248,7 @@ quote = _Quote().repr
 
 
 def brief(text: object, most: int = 400) -> str:
-    """Return a text or an error as one line; the middle of a long text is cut out."""
+    """Return a text or an error as one line; its middle is cut out beyond `most` characters."""
     line = ' '.join(str(text).split())
     if len(line) <= most:
         return line

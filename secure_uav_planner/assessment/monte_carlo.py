@@ -113,7 +113,7 @@ class Assessment:
 
     @property
     def promised_outage_text(self) -> str:
-        """Outage that the plan promises, in words."""
+        """Outage that the plan promises as a percentage, or 'no promise' at mean gains."""
         if not self.plan.scenario.channel.is_guarantee:
             return 'no promise'
         return f'{self.promised_outage:.4%}'
@@ -131,7 +131,7 @@ class Assessment:
 
     @property
     def summary(self) -> dict[str, float]:
-        """Numbers of the answer by name, as in the columns of a campaign."""
+        """Rates [bit/s/Hz], outages and deliveries [bit/Hz] by name, as columns of a campaign."""
         return {'mean': self.mean, 'quantile_5': self.quantile(0.05),
                 'quantile_50': self.quantile(0.5), 'promised': self.promised_rate,
                 'outage': self.outage, 'promised_outage': self.promised_outage,
@@ -215,7 +215,7 @@ def promised_rates(plan: Plan) -> Array:
 
 
 def _checked_flown(flown: ArrayLike, plan: Plan, world: World) -> Array:
-    """Return flown positions as an array (U, N, 2), or raise an OptionError."""
+    """Return flown positions, finite, (U, N, 2); refuse them if world has tracking errors."""
     if world.tracking_std:
         raise OptionError(f'tracking_std is {world.tracking_std:g} m; with flown positions it '
                           'must be 0', ('tracking_std',))
@@ -230,7 +230,8 @@ def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: 
     """
     Yield, for each slot, the rate of each ground node minus its leak, (G, D) in bit/s/Hz.
 
-    The R receivers are the G ground nodes, then the eavesdroppers.
+    The leak is the largest rate of an eavesdropper or of another node that is not trusted, or the
+    rate of all together if they collude. The R receivers are the G nodes, then the eavesdroppers.
 
     :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
     :param powers: powers of the UAVs, (U, N) in W.

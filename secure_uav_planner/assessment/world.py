@@ -30,7 +30,7 @@ _PLACES, _SIGHT, _FADING, _TRACKING = range(4)  # Kinds of draws, each with its 
 
 
 def _checked_pairs(value: Any, count: int | None = None) -> tuple[Point, ...]:
-    """Return a list of pairs as tuples."""
+    """Return a list of pairs of numbers as tuples; refuse an empty one, or one not of `count`."""
     if not isinstance(value, (tuple, list, np.ndarray)) or not 0 < len(value) or (
             count and len(value) != count):
         raise refuse(value, f'a list of {f"{count} " if count else ""}pairs')
@@ -82,7 +82,7 @@ class World(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check that fields which belong to one kind of place come with that kind."""
+        """Check that beyond, positions and covariance come with their place and are right."""
         item = checks.item
         for name, place in (('beyond', 'beyond'), ('positions', 'fixed'),
                             ('covariance', 'normal')):
@@ -99,7 +99,12 @@ class World(Checked):
                            'positive semidefinite')
 
     def deviations(self, radius: float) -> Array:
-        """Return a root of a normal place's covariance, (2, 2) in m; `radius` is the disc's."""
+        """
+        Return B, (2, 2) in m, such that B z is a normal place's offset for standard normal z.
+
+        B B^T is the covariance. Without one, B is round, and the disc of `radius` [m] holds the
+        place with probability CONFIDENCE.
+        """
         if self.covariance is None:
             return np.eye(2) * (radius / math.sqrt(-2.0 * math.log1p(-CONFIDENCE)))
         variances, axes = np.linalg.eigh(np.array(self.covariance))
@@ -125,6 +130,8 @@ def draw_places(scenario: Scenario, world: World, draws: int, seed: int) -> Iter
     Yield the places of the eavesdroppers in each slot, (E, D, 2) in m.
 
     In a draw, an eavesdropper keeps the random numbers of its offset from its centre in all slots.
+    Centres are world.positions, or on the tracks at speed_factor times the slot's time. Radii are
+    the tracks' at the slot's time.
     """
     rng, shape = make_stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
     laws: dict[str, Callable[..., Array]] = {'normal': rng.standard_normal, 'fixed': np.zeros}
@@ -181,11 +188,11 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
     """
     Yield a uniform number for each link in each slot, (U, G + E, D); ground nodes come first.
 
-    A link has a line of sight if the number of the link is below the probability.
+    A link has a line of sight if its number is below the probability. All links of a UAV get new
+    numbers in the slot in which its way from point 1 passes a multiple of `distance`.
 
     :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
-    :param distance: distance in m that a UAV flies before its links get new numbers; 0 for new
-        numbers in each slot.
+    :param distance: way in m between new numbers; 0 for new numbers in each slot.
     """
     rng = make_stream(seed, _SIGHT)
     receivers = len(scenario.ground_nodes) + len(scenario.eavesdroppers)

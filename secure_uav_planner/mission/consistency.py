@@ -36,7 +36,7 @@ def check_names(uavs: Sequence[Uav], eavesdroppers: Sequence[Eavesdropper],
 
 def check_sizes(uavs: Sequence[Uav], slots: int, ground_nodes: Sequence[GroundNode],
                 head_starts: Sequence[float]) -> Iterator[ScenarioError]:
-    """Yield the errors of a wrong number of head_starts, and of too many slots."""
+    """Yield an error for a wrong number of head_starts, and one for slots over the limit."""
     nodes = len(ground_nodes)
     if len(head_starts) not in (0, nodes if nodes > 1 else 0):
         allowed = (f'a number for each of the {nodes} ground_nodes, or empty' if nodes > 1 else
@@ -62,7 +62,7 @@ def check_accelerations(uavs: Sequence[Uav]) -> Iterator[ScenarioError]:
 
 def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
                boundaries: Boundaries) -> Iterator[ScenarioError]:
-    """Yield the errors of starts and goals that violate zones, fence or separation."""
+    """Yield errors of starts and goals: zones, fence, then the closest pair if it is too close."""
     close, fence = [], None
     try:
         fence = boundaries.keep_in
@@ -96,7 +96,7 @@ def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: B
     Yield the errors of a UAV's start or goal inside a zone or outside the fence.
 
     :param path: path of the start or the goal, such as ('uavs', 0, 'start').
-    :param slack: largest allowed depth of the place in a zone, or outside the fence [m].
+    :param slack: largest allowed distance [m] of the place inside a zone, or outside the fence.
     """
     field = path[-1]
     place = getattr(uav, field)
@@ -114,7 +114,7 @@ def _check_end(uav: Uav, path: tuple[str, int, str], slack: float, boundaries: B
 def check_durations(uavs: Sequence[Uav], duration: float, slots: int
                     ) -> Iterator[ScenarioError]:
     """
-    Yield an error for each UAV that needs more time for a straight flight.
+    Yield an error for each UAV that needs more time for a straight flight, the slowest first.
 
     Nothing is checked if an end velocity bends the flight of any UAV: the first flights in
     optimize.initial then check all UAVs.

@@ -85,6 +85,7 @@ class Pair:
     is_optional: bool = False
 
     def __call__(self, value: Any) -> Point:
+        """Return a pair (x, y) as floats, or refuse places in degrees and wrong numbers."""
         check_degrees(value)
         low, high = COORDINATE.low, COORDINATE.high
         x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2
@@ -167,7 +168,7 @@ class Members:
     most: int
 
     def __call__(self, values: Any) -> tuple[Any, ...]:
-        """Return the members as objects of `kind`, read from mappings if they are none."""
+        """Return the members as objects of `kind`; others are read as mappings of fields."""
         if not isinstance(values, (tuple, list)) or not self.least <= len(values) <= self.most:
             raise refuse(values, f'a list of {self.least} to {self.most} '
                          f'{describe_class(self.kind)}')
@@ -182,7 +183,7 @@ class Members:
 
 
 def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any, ...]:
-    """Return the items of a sequence as a check converts them."""
+    """Return the items as a check converts them; its error gets the item's index as path."""
     items: list[Any] = []
     try:
         for value in values:
@@ -194,7 +195,7 @@ def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any
 
 
 def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[float, ...]:
-    """Return numbers as floats, each checked by the range with its name."""
+    """Return numbers as floats, number k checked by range k, whose name an error has."""
     numbers = []
     for value, (name, check) in zip(values, ranges.items(), strict=True):
         try:
@@ -270,7 +271,7 @@ class ErrorList(list[ScenarioError]):
 
     @contextmanager
     def collecting(self, *path: str | int, owner: str = '') -> Iterator[None]:
-        """Add the errors that leave the with statement, with their path and owner in front."""
+        """Catch a ScenarioError in the with statement; add it and its `further`, with path."""
         try:
             yield
         except ScenarioError as error:
@@ -308,6 +309,7 @@ class FieldChecks(ErrorList):
     """
 
     def __init__(self, kind: 'type[Checked]', item: Any, name: str) -> None:
+        """Convert the fields of `item` in place, and collect the errors of wrong ones."""
         super().__init__()
         own_name = getattr(item, 'name', None)
         self.item = item
@@ -318,6 +320,7 @@ class FieldChecks(ErrorList):
             self.append(_make_error(name, f'lacks {", ".join(self._missing)}'))
         for field in fields(kind):  # type: ignore[arg-type]
             value = getattr(item, field.name)
+            # None is not checked if the default or the type of the field allows it.
             if field.name in self._missing or 'check' not in field.metadata or value is None and (
                     field.default is None or NoneType in get_args(field.type)):
                 continue
@@ -376,7 +379,7 @@ class Checked:
 
 def read_object(kind: 'type[Checked]', data: object, name: str = '') -> Any:
     """
-    Return an object of a class from a mapping of its fields, or raise all their errors.
+    Return an object of a class from a mapping of its fields, or raise kind._ERROR of all errors.
 
     :param name: name of the data in messages; '' for a field, whose name PlanningError.add_path
         adds.

@@ -48,7 +48,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 @contextmanager
 def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
-    """Put a file's path into errors of writing that name nothing (full disk) or its part."""
+    """Put `path` into an OSError that names no file, as for a full disk, or the file `part`."""
     try:
         yield
     except OSError as error:

@@ -114,7 +114,7 @@ class Origin(Checked):
 
 
 def _check_distance(east: Array, north: Array) -> None:
-    """Raise OptionError for points beyond MAX_DISTANCE, as swapped degrees give."""
+    """Raise OptionError for a point (east, north) [m] beyond MAX_DISTANCE from the origin."""
     distances = np.hypot(east, north)
     if not (distances <= MAX_DISTANCE).all():
         raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin, east and '
@@ -184,7 +184,7 @@ def _divide(corners: Array, counts: NDArray[np.int_]) -> Array:
 
 
 def _describe_swapped(place: tuple[float, float], origin: Origin) -> str:
-    """Return a hint for a message if swapped coordinates lie near the origin, '' otherwise."""
+    """Return a hint if (longitude, latitude) would lie within 100 km of the origin, or ''."""
     with suppress(OptionError):
         origin.to_local(*place[::-1])
         return '; latitude and longitude are swapped'
@@ -193,11 +193,11 @@ def _describe_swapped(place: tuple[float, float], origin: Origin) -> str:
 
 def convert_points(value: Any, origin: Origin, levels: int = _MOST_LEVELS) -> Any:
     """
-    Convert the places in degrees among the plain values of a mission to (x, y) in m.
+    Convert each {latitude, longitude} in the plain values of a mission to [x, y] in m.
 
     Coordinates are rounded to 1e-6 m. A place in a knot of a track becomes two numbers of the
     knot. A place beyond 100 km from the origin, or that has wrong numbers, becomes a
-    RefusedPlace, which the checks of fields refuse.
+    RefusedPlace, which the checks of fields refuse. The value of `origin` stays in degrees.
 
     :param levels: nested levels in which places are still sought.
     """

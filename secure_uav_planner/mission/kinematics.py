@@ -46,7 +46,7 @@ class Vehicle:
 
     @property
     def is_straight_optimal(self) -> bool:
-        """Whether a straight flight has the least utilisation: no end velocity bends it."""
+        """Whether a straight flight has the least utilisation: each end is free or at rest."""
         return math.isinf(self.max_acceleration) or all(
             velocity in (None, (0.0, 0.0))
             for velocity in (self.start_velocity, self.goal_velocity))
@@ -66,7 +66,9 @@ class Vehicle:
         """
         Return the largest speed of each move of a straight flight, (N+1,) in m/s.
 
-        A UAV with a given velocity at an end is taken to be at rest there.
+        For move n it is at most max_speed; (n + 1) * max_acceleration * step after a given start
+        velocity; and (N + 1 - n) * max_acceleration * step before a given goal velocity. A given
+        velocity is taken as 0.
         """
         top = np.full(slots + 1, self.max_speed)
         if not math.isinf(self.max_acceleration):
@@ -109,7 +111,7 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
         if high <= low * (1 + accuracy) or not low < middle < high:
             break
         value = _log(utilisation(middle))
-        # An end that stays twice has its value halved, so that it moves soon.
+        # An end that stays twice has its logarithm halved, so that it moves soon.
         if value > 0:
             low, at_low, at_high = middle, value, at_high / (2 if last_sign > 0 else 1)
         else:
@@ -120,7 +122,7 @@ def find_shortest_duration(utilisation: Callable[[float], float], duration: floa
 
 def _round_duration(utilisation: Callable[[float], float], duration: float, longest: float
                     ) -> float | None:
-    """Return a duration [s] rounded up to six digits with a utilisation of at most 1, or None."""
+    """Return a six-digit duration [s], `duration` or up, of utilisation at most 1, or None."""
     rounded = round_up(duration)
     for power in range(_MOST_ROUNDINGS):
         if rounded > longest:

@@ -42,7 +42,7 @@ class Receiver(Checked):
 
     @classmethod
     def _check_together(cls, checks: FieldChecks) -> None:
-        """Set what a track decides, such as the position; without a track require a position."""
+        """Set the fields DECIDED from a track at point 0; without a track require a position."""
         item = checks.item
         if item.track is not None and checks.are_right('track'):
             for name in cls.DECIDED:
@@ -131,7 +131,8 @@ def expand_ground_node(values: Mapping[str, Any], errors: ErrorList) -> dict[str
     Return a Scenario's values with ground_nodes instead of ground_node and its track.
 
     :param values: values of the fields by name, not checked yet.
-    :param errors: list to which the errors of ground_node are added; ground_nodes is None then.
+    :param errors: list to which the errors of ground_node are added; the value of ground_nodes is
+        None after an error.
     """
     values = dict(values)
     nodes, place, track = (
@@ -146,8 +147,8 @@ def _list_nodes(nodes: Any, place: Any, track: Any) -> Any:
     """
     Return the ground_nodes as given, or a single node with the given place or track.
 
-    `replace` of a place passes the present ground_nodes too: a single one keeps its name, weight
-    and trust.
+    dataclasses.replace of a place passes the present ground_nodes, too: if they are a single
+    GroundNode, it keeps its name, weight and trust at the new place.
 
     :param nodes: value of ground_nodes; None or an empty tuple if there is none.
     :param place: value of ground_node: coordinates, or a mapping with the fields of a GroundNode.
@@ -277,7 +278,7 @@ class Uav(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check power, end velocities and energy; with max_energy, propulsion gets a default."""
+        """Check powers, end velocities and energy; with max_energy set Propulsion() if None."""
         item = checks.item
         if (checks.are_right('average_power', 'peak_power')
                 and item.peak_power < item.average_power):
@@ -320,7 +321,7 @@ class Uav(Checked):
 
     @property
     def vehicle(self) -> Vehicle:
-        """Displacement from start to goal, limits and end velocities, as a Vehicle."""
+        """Way from start to goal and limits; end velocities only with a max_acceleration."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
         if self.max_acceleration is None:
             return Vehicle(displacement, self.max_speed)
@@ -381,7 +382,7 @@ class Boundaries:
             if zone.is_at(altitude, self.margin))
 
     def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
-        """Return (vertices [m], name) of each polygon that no plan enters at an altitude in m."""
+        """Return (vertices [m], name) of zones at an altitude [m], offset outwards by margin."""
         if altitude not in self._kept_out:
             self._kept_out[altitude] = tuple(
                 (offset_polygon(zone.vertices, self.margin)[0], name)
@@ -391,7 +392,7 @@ class Boundaries:
     @cached_property
     def keep_in(self) -> Vertices | None:
         """
-        Polygon that no plan leaves, vertices in m; None without a geofence.
+        Polygon that no plan leaves, the geofence offset inwards by margin [m]; None without one.
 
         The margin may divide the geofence into parts. The polygon is then the part that contains
         the start of UAV 0, or the part nearest to this start if none contains it.

@@ -31,8 +31,8 @@ def checked_polygon(values: Any) -> Vertices:
 
     A last vertex within _CLOSING of the first is left out: files close their rings.
 
-    :raises ScenarioError: for too few or too many vertices, a wrong coordinate, an outline that
-        crosses or touches itself, and no area.
+    :raises ScenarioError: for fewer than 3 or over MAX_VERTICES vertices, a wrong coordinate, an
+        outline that crosses or touches itself, or vertices on one line.
     """
     if not is_sequence(values):
         raise refuse(values, 'a list of vertices (x, y) in m')
@@ -93,8 +93,8 @@ def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     """
     Offset a polygon outwards by a margin in m, or inwards by a negative one.
 
-    An outward offset contains all places within the margin, and few more. Its corners are mitred:
-    a corner of 90 degrees is 1.42 margins away from the polygon, and no corner more than 1.81.
+    An outward offset is one polygon with all places within the margin. Its corners are mitred: a
+    corner of 90 degrees is 1.42 margins away from the polygon, and no corner more than 1.81.
     Holes that the offset encloses are filled. An inward offset keeps the margin from the outline;
     it may be several polygons, or none.
     """
@@ -119,7 +119,7 @@ def _outlines(shape: Any) -> tuple[Vertices, ...]:
 
 
 def half_planes(vertices: Vertices) -> tuple[Array, Array]:
-    """Return the convex hull as n.x <= b: unit normals n (K, 2) outwards, and b (K,) in m."""
+    """Return the convex hull as n.x <= b of K edges: outward unit normals n (K, 2), b (K,) [m]."""
     corners = _orient_corners(tuple(
         (x, y) for x, y in shapely.Polygon(vertices).convex_hull.exterior.coords[:-1]))
     edges = np.roll(corners, -1, axis=0) - corners
@@ -160,7 +160,12 @@ def _area_tolerance(corners: Array) -> float:
 
 
 def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
-    """Return triangles of corners (K, 2), found by cutting off ears, and diagonals, as indices."""
+    """
+    Return triangles of counter-clockwise corners (K, 2), and diagonals between them, as indices.
+
+    An ear is a convex corner with both neighbours, if no reflex corner lies in this triangle. Ears
+    are cut off one by one, each along a diagonal (corner before, corner after).
+    """
     indices, tolerance = list(range(len(corners))), _area_tolerance(corners)
     triangles, diagonals = [], []
     while len(indices) > 3:
@@ -172,14 +177,14 @@ def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
                 triangles.append(ear)
                 diagonals.append((ear[0], ear[2]))
                 break
-        else:  # Rounding hides every ear: cut off the triangle of least area.
+        else:  # Rounding hides every ear: the triangle of least area is left out.
             corner = int(np.abs(products).argmin())
         del indices[corner]
     return [*triangles, indices], diagonals
 
 
 def _contains_any(triangle: Array, points: Array, tolerance: float) -> bool:
-    """Return True if a counter-clockwise triangle contains a point that is none of its corners."""
+    """Return True if a point other than the corners is in or on a counter-clockwise triangle."""
     edges = np.roll(triangle, -1, axis=0) - triangle
     offsets = points[:, None] - triangle
     inside = (edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]

@@ -70,7 +70,7 @@ class Channel(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check that an outage is given with random gains, and only with them."""
+        """Check that fading has an outage, and that an outage has fading or lines of sight."""
         item = checks.item
         if item.rician_k_db is not None and item.outage is None:
             checks.add('outage', f'is {quote(None)}; it must be a number, as channel.rician_k_db '
@@ -131,9 +131,9 @@ def rate_name(objective: str, promise: str) -> str:
 
 def fading_quantiles(rician_k_db: float | None, share: float) -> tuple[float, float]:
     """
-    Return the quantiles of the power gain of Rician fading for share and 1 - share.
+    Return the quantiles of the power gain of Rician fading at probabilities share and 1 - share.
 
-    Both are 1 without fading.
+    Both are 1 without fading, for rician_k_db None.
     """
     if rician_k_db is None:
         return 1.0, 1.0

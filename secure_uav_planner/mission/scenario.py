@@ -126,6 +126,7 @@ class Scenario(Stored):
             ground_node_track: Track | None = None, origin: Origin | None = None,
             ground_nodes: tuple[GroundNode, ...] = LEFT_OUT, head_starts: tuple[float, ...] = ()
             ) -> None:
+        """Check each field, then the fields against each other; raise all errors as one."""
         values = {name: value for name, value in locals().items() if name != 'self'}
         errors = ErrorList()
         for name, value in self._expand(values, errors).items():
@@ -238,7 +239,7 @@ class Scenario(Stored):
 
     @cached_property
     def landmarks(self) -> Array:
-        """Places of starts, of goals, and of receivers at the points 1..N, (K, 2) in m."""
+        """Places of starts, goals, and receivers (at points 1..N if any moves), (K, 2) in m."""
         receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
         return read_only(np.concatenate([
             self.starts, self.goals, *receivers.ground_nodes, *receivers.centres]))
@@ -273,10 +274,10 @@ class Scenario(Stored):
     @cached_property
     def outage_share(self) -> float:
         """
-        Outage budget of each link and cause; 0 without a stated outage.
+        Outage budget of each link and cause, fading or line of sight: outage / (links * causes).
 
         By the union bound, the probability that any link is on the wrong side of its quantile is
-        at most the outage, whatever the dependence between links.
+        at most the outage, whatever the dependence between links. It is 0 without an outage.
         """
         channel = self.channel
         causes = (channel.rician_k_db is not None) + (channel.los is not None)

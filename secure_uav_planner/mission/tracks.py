@@ -66,7 +66,7 @@ def checked_track(value: Any, radius: bool = True) -> Track:
 
 
 def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
-    """Return a knot of a track as checked numbers, or refuse it."""
+    """Return a knot of a track, such as (t, x, y), as floats checked by `parts`, or refuse it."""
     for part in knot if is_sequence(knot) else ():
         check_degrees(part)
     if not is_sequence(knot) or len(knot) != len(parts):
@@ -75,7 +75,7 @@ def _checked_knot(parts: dict[str, Number], knot: Any) -> tuple[float, ...]:
 
 
 def interpolate(track: Track, times: Array) -> Array:
-    """Return x, y and, if the track has one, the radius at times (K,) in s, (K, 2 or 3) in m."""
+    """Return x, y (and radius) [m] at times (K,) [s], (K, 2 or 3), held outside of the knots."""
     knots = np.array(track)
     if len(knots) == 1:
         return np.broadcast_to(knots[0, 1:], (len(times), knots.shape[1] - 1))
@@ -106,7 +106,7 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
 
 
 def set_by_track(checks: FieldChecks, field: str, track: Track) -> None:
-    """Set a place or a radius from a track at point 0; add an error if another value is given."""
+    """Set `field` of checks.item from a track at time 0; another given value is an error."""
     x, y, *radius = interpolate(track, np.zeros(1))[0].tolist()
     decided = radius[0] if field == 'error_radius' else (x, y)
     given = getattr(checks.item, field)

@@ -41,7 +41,7 @@ def is_sequence(value: object) -> bool:
 
 
 def make_unique(names: list[str]) -> tuple[str, ...]:
-    """Return names, each followed by a number where several are the same."""
+    """Return names; a repeated one gets its number in the list, from 1, or a later free one."""
     results: list[str] = []
     for number, name in enumerate(names, start=1):
         unique = name

@@ -38,7 +38,7 @@ def make_text(plan: Any, frame_id: str) -> str:
 
 
 def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
-    """Return a Plan as plain values for JSON."""
+    """Return a Plan as plain values for JSON; `evaluate` adds worst_case_rate, slow to compute."""
     return {
         'format': _FORMAT,
         'version': _VERSION,
@@ -74,9 +74,9 @@ def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:
 
 def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
     """
-    Return the plan and the frame in a text of make_text.
+    Return the plan and the name of its frame of coordinates in a text of make_text.
 
-    :raises PlanFileError: if the text contains no plan, or a plan without a start.
+    :raises PlanFileError: if the text contains no plan, no frame, or a plan without a start.
     """
     with _name_source('the message'):
         document = json.loads(text)
@@ -92,7 +92,7 @@ def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
 
 @contextmanager
 def _name_source(name: str) -> Iterator[None]:
-    """Raise errors of a plan as a PlanFileError whose text begins with the plan's source."""
+    """Turn a ValueError or RecursionError into a PlanFileError that names the source first."""
     try:
         with yaml_notation():
             yield
@@ -104,7 +104,7 @@ def _name_source(name: str) -> Iterator[None]:
 
 
 def _read_document(document: object, kind: type[RatedFlight]) -> Any:
-    """Return the plan in plain values from JSON, of any version, or raise an error."""
+    """Return the Plan in plain values from JSON, of versions 1 to _VERSION, or raise an error."""
     if not isinstance(document, dict) or document.get('format') != _FORMAT:
         raise PlanFileError(f'it is not a {_FORMAT}')
     version = document.get('version')
@@ -133,7 +133,7 @@ def _read_document(document: object, kind: type[RatedFlight]) -> Any:
 
 
 def _check_bound(plan: RatedFlight, bound: Bound) -> None:
-    """Check that a bound is at least the plan's own rate."""
+    """Raise a PlanFileError if a bound is below the plan's own rate of the bound's objective."""
     rate = getattr(plan, f'{bound.objective}_rate')
     if bound.rate < rate - _ROUNDING:
         raise PlanFileError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "

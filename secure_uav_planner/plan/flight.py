@@ -33,7 +33,7 @@ class Flight(NamedTuple):
 
     @property
     def state(self) -> str:
-        """State of the flight: 'waiting', 'flying', 'held' or 'ended'."""
+        """State: 'waiting' at the begin, 'ended' at the end, else 'held' (paused) or 'flying'."""
         if self.time >= self.playback.duration - _ROUNDING:
             return 'ended'
         if self.time <= self.playback.begin + _ROUNDING:
@@ -88,8 +88,9 @@ class TimeScaleLimit:
         """
         Return the playback speed nearest to a target that keeps all acceleration limits.
 
-        Without acceleration limits it is the target. A playback speed r > 1 has limits r^2 times
-        the UAVs' own.
+        The target is first lowered to a playback speed from which the flight can stop at its end.
+        Without acceleration limits it is returned as it is. A playback speed r > 1 has limits r^2
+        times the UAVs' own.
 
         :param target: the wanted playback speed.
         :param flight: the flight at the last setpoint.
@@ -118,7 +119,11 @@ class TimeScaleLimit:
         return allowed
 
     def _brake_in_time(self, target: float, fastest: float, time: float) -> float:
-        """Return a target playback speed, lowered so that the flight can stop at its end."""
+        """
+        Return a target playback speed, lowered so that the flight at `time` can stop at its end.
+
+        :param fastest: largest playback speed that may occur; a new largest one is integrated to.
+        """
         if self._fastest < fastest:
             self._fastest = fastest
             self._braking_times, self._braking_scales = self._integrate_braking(fastest)
@@ -131,8 +136,8 @@ class TimeScaleLimit:
         """
         Integrate the largest playback speeds from which the flight can stop at its goals.
 
-        The integration runs backwards from the end, where the playback speed is 0, to the time
-        of the playback speed `fastest`.
+        The integration runs backwards from the end, where the playback speed is 0, until it
+        reaches the playback speed `fastest` or the begin, or until the limits allow no slowing.
 
         :return: increasing times [s] and playback speeds there; empty if all UAVs arrive at rest.
         """

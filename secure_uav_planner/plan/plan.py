@@ -45,7 +45,7 @@ _LEAST_RATE = 5e-5  # Smallest rate [bit/s/Hz] that a text with four digits does
 
 
 def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
-    """Return gaps as tuples (begin, end), or refuse them unless all times increase."""
+    """Return gaps as tuples (begin, end) [s]; refuse unsorted times. Equal ones are allowed."""
     def check(value: Any) -> tuple[float, float]:
         if not is_sequence(value) or len(value) != 2:
             raise refuse(value, 'a begin and an end')
@@ -113,6 +113,7 @@ class Plan(RatedFlight):
     _ERROR = PlanError
 
     def __post_init__(self) -> None:
+        """Check and convert all fields, then the limits and clearances of the flight."""
         super().__post_init__()
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for name, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
@@ -159,7 +160,7 @@ class Plan(RatedFlight):
         object.__setattr__(self, 'shares', shares)
 
     def _check_ends(self) -> None:
-        """Raise a PlanError unless the paths begin and end at starts and goals."""
+        """Raise a PlanError unless paths begin at starts, end at goals, to POSITION_TOLERANCE."""
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for end, point in (('start', path[0]), ('goal', path[-1])):
                 if np.abs(point - getattr(uav, end)).max() > POSITION_TOLERANCE:
@@ -217,7 +218,7 @@ class Plan(RatedFlight):
 
     @cached_property
     def identity(self) -> str:
-        """Identity of the plan: 8 digits, a hash of its start, positions and powers."""
+        """Hash of start, positions, powers and several nodes' shares: 8 hexadecimal digits."""
         content = [str(self.start_ns).encode(), self.positions.tobytes(), self.powers.tobytes()]
         if len(self.shares) > 1:
             content.append(self.shares.tobytes())
@@ -235,7 +236,7 @@ class Plan(RatedFlight):
 
     @property
     def claim(self) -> str:
-        """Proven quality of the plan as text, empty without a bound; see Bound.claim."""
+        """Name of the bounded rate and its Bound.claim as text; empty without a bound."""
         if self.bound is None:
             return ''
         return (f'{self.scenario.channel.rate_name(self.bound.objective)} '
@@ -253,9 +254,10 @@ class Plan(RatedFlight):
 
     def end_promise(self, time: float) -> 'Plan':
         """
-        Return this plan with a promise that ends before the slot that is flown at a time.
+        Return a copy of this plan whose promise ends before the slot that is flown at a time.
 
-        A plan whose promise has ended earlier is returned itself.
+        While slot n is flown it ends at point n - 1, and before slot 1 at point 0. A plan whose
+        promise has ended there or earlier is returned itself.
 
         :param time: time from point 0 [s].
         """
@@ -282,7 +284,7 @@ class Plan(RatedFlight):
 
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
-        Return this plan with a bound, which is saved and shown with it.
+        Return a copy of this plan with a bound, which is saved and shown with it.
 
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
         :raises PlanError: for anything else.
@@ -331,7 +333,7 @@ class Plan(RatedFlight):
         :return: a pandas DataFrame with a row for each point of each UAV: uav, point, time in s,
             x, y and z in m, velocity_x and velocity_y in m/s, power in W, and guaranteed_rate and
             worst_case_rate of the slot in bit/s/Hz; of each eavesdropper's disc at that time
-            <name>.x, <name>.y and <name>.radius in m.
+            <name>.x, <name>.y and <name>.radius in m; of several ground nodes <name>.share.
         :raises MissingPackageError: when pandas is not installed.
         """
         with name_missing_package():
@@ -343,8 +345,8 @@ class Plan(RatedFlight):
 
         With P = N+2 points it has times (P, 1), positions (U, P, 2), altitudes (U, 1), powers
         (U, N), guaranteed_rates and worst_case_rates (N, 1), ground_node (P, 2), eavesdroppers
-        (E, P, 2), error_radii (E, P), uav_names and eavesdropper_names, in SI units and
-        bit/s/Hz.
+        (E, P, 2), error_radii (E, P), uav_names and eavesdropper_names, in SI units and bit/s/Hz.
+        Several ground nodes have ground_nodes (G, P, 2) and shares (G, N) instead of ground_node.
 
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """

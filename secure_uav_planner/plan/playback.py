@@ -62,7 +62,8 @@ class Playback:
         """
         Return the Moment at a time [s] from point 0; before and after the flight the UAVs rest.
 
-        Power n holds from the time of point n until the time of point n + 1.
+        Power n holds from the time of point n until the time of point n + 1. Powers before point
+        1 and from point N + 1 on are 0.
         """
         time = check_argument('time', time, TIME)
         motion = self.curve.at([time])
@@ -71,7 +72,7 @@ class Playback:
                       self.shares_at([time])[:, 0])
 
     def find_unpromised_slot(self, time: float) -> int:
-        """Return the number of the unpromised slot at a time [s], or 0 if there is none."""
+        """Return the number, 1 to N, of the unpromised slot at a time [s], 0 if it is in none."""
         time = check_argument('time', time, TIME)
         slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
         is_slot = 1 <= slot <= self.plan.scenario.slots
@@ -109,7 +110,7 @@ class Playback:
 
         :param time: time from point 0 [s].
         :param eavesdropper: true position of the eavesdropper, (2,) in m. None for no
-            eavesdropper, where only ground nodes that are not trusted listen.
+            eavesdropper: then only ground nodes that are not trusted listen.
         """
         return float(self.secrecy_rates([check_argument('time', time, TIME)], eavesdropper)[0])
 

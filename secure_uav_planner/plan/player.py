@@ -59,7 +59,7 @@ class Player:
         self._mutes_unpromised = mutes_unpromised
         self.flight: Flight | None = None
         self._limit: TimeScaleLimit | None = None  # Limits the playback speed of `flight`.
-        self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0
+        self.playing, self.delivered, self.largest_jump = False, 0.0, 0.0  # In bit/Hz and m.
         self._last: Moment | None = None  # The last setpoints.
         self._silence: float | None = 0.0  # Time [s] without a stream; None while streaming.
         # A plan that waits to be spliced in, and the present plan's time [s] at the splice.
@@ -90,12 +90,13 @@ class Player:
 
     def load(self, plan: Plan) -> bool:
         """
-        Adopt a plan, or refuse it; return True if it is adopted.
+        Adopt a plan now or later, or refuse it; return False if it is refused or not new.
 
-        A plan with the same start as the present one is a revision of its flight and replaces it
-        at once. Another plan replaces the present one at once if no setpoints are sent. Otherwise
-        it is pending until the present plan reaches the start of the new one, or its own end.
-        A pause or a lower speed before the splice delays both flights alike.
+        A plan with the identity of the present one is not new: only its promise is taken over. A
+        plan with the same start is a revision of the flight and replaces the present one at once.
+        Another plan replaces it at once if no setpoints are sent. Otherwise it is pending until
+        the present plan reaches the start of the new one, or its own end. A pause or a lower speed
+        before the splice delays both flights alike.
         """
         new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan
@@ -126,14 +127,14 @@ class Player:
         self._on_refusal(reason)
 
     def _renew(self, playback: Playback) -> None:
-        """Replace the present plan by the same flight with another promise."""
+        """Replace the plan of the flight by the same plan with another promise."""
         assert self.flight is not None
         self.flight = self.flight._replace(playback=playback)
         if self._latest is not None and self._latest.plan.identity == playback.plan.identity:
             self._latest = playback
 
     def _check_promise(self, now_ns: int) -> None:
-        """End the promise for good if the flight is early or late for its receivers."""
+        """End the promise for good if the flight is over PUNCTUAL s early or late for it."""
         assert self.flight is not None
         plan, state = self.flight.playback.plan, self.flight.state
         if plan.promised_until is not None and state != 'ended' and (
@@ -160,8 +161,9 @@ class Player:
         """
         Supersede the plan by the pending one if its time has come; return True if that is done.
 
-        A pending plan whose setpoints would jump is refused. `elapsed` is the time since the last
-        setpoints [s], and `lateness` the first words of a refusal.
+        Its time has also come if the present plan has ended. A pending plan whose setpoints would
+        jump is refused. `elapsed` is the time since the last setpoints [s], and `lateness` the
+        first words of a refusal.
         """
         if self._pending is None or self.flight is None:
             return False
@@ -229,7 +231,7 @@ class Player:
 
     def _begin_elsewhere(self, new: Playback, positions: Sequence[Point3 | None],
                          tolerance: float) -> None:
-        """Adopt a plan if all UAVs are at its start, or raise an OptionError."""
+        """Adopt a plan if all UAVs are within `tolerance` m of its start, or raise OptionError."""
         positions = positions or [None] * len(new.plan.scenario.uavs)
         problems = [f'the position of {uav.name} is not known' if position is None else
                     f'{uav.name} is {distance:.1f} m from its start; the limit is {tolerance:g} m'
@@ -241,7 +243,7 @@ class Player:
                 f'and {"; ".join(problems)}; call ~/plan again, or ~/reset and ~/start')
         flight = Flight(new, new.begin, 0.0)
         self._adopt(flight)
-        self._last = flight.moment
+        self._last = flight.moment  # The next setpoints are compared with the new start.
 
     def pause(self) -> bool:
         """Brake to rest on the curve and hold; return True if a plan was playing."""
@@ -249,7 +251,7 @@ class Player:
         return was_playing
 
     def reset(self) -> None:
-        """End the stream of setpoints; the latest plan waits at its start."""
+        """End the stream of setpoints; the latest plan waits at its start, even a pending one."""
         self.playing = False
         if self.streaming:
             self._silence = 0.0
@@ -291,8 +293,8 @@ class Player:
         """
         Advance to a time and return the setpoints, or None if there are none.
 
-        :param now_ns: time of the clock [ns]. If it has jumped back, the plan advances by 0 s; if
-            it has jumped ahead, the plan advances by `longest`.
+        :param now_ns: time of the clock [ns]. If it has jumped back, no time has elapsed. If it
+            has jumped ahead, `longest` has elapsed.
         :param speed: playback speed to approach while playing.
         :param eavesdropper: true position of the eavesdropper, (x, y) in m, or None.
         :param is_ready: whether the first setpoint may be sent.
@@ -346,14 +348,14 @@ class Player:
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:
-        """Update what is flown and delivered since `before`, and stop playing at the end."""
+        """Note that the plan is flown, add what it delivered since `before`, stop at its end."""
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:
             start_ns = flight.playback.plan.start_ns
             self._flown_ns = -1 if start_ns is None else start_ns
         if self.ended and before.state != 'ended':
-            # A pending plan begins without another call of start().
+            # A plan that is still pending begins without another call of start().
             self.playing = self.playing and self._pending is not None
         if not is_silent:
             self.delivered += _integrate_rates(
@@ -362,7 +364,7 @@ class Player:
 
 def _list_distances(playback: Playback, positions: Sequence[Point3 | None]
                     ) -> list[tuple[Uav, Point3 | None, float]]:
-    """Return each UAV with its position and its distance [m] from the start; NaN if unknown."""
+    """Return each UAV, its position, and the distance [m] from there to its start, or NaN."""
     starts = playback.at(playback.begin).positions.tolist()
     return [(uav, position, math.nan if position is None else
              math.dist(position, (*start, uav.altitude)))

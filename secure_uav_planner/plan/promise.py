@@ -39,10 +39,10 @@ def rate_text(rate: float, digits: int = 4) -> str:
 
 def _select_slots(rates: Array, mask: Mask) -> Array:
     """
-    Return the columns of rates (G, N) that a mask (N,) selects.
+    Return the columns of rates (G, N) that a mask (N,) selects; `rates` itself if it has all True.
 
-    Without a copy if all slots are promised: rates[:, mask] has another memory order than rates,
-    in which NumPy's means of rows differ in their last digits from the means of the plan.
+    rates[:, mask] would have another memory order than rates, in which NumPy's means of rows
+    differ in their last digits from the means of the plan.
     """
     return rates if mask.all() else np.compress(mask, rates, axis=1)
 
@@ -50,13 +50,14 @@ def _select_slots(rates: Array, mask: Mask) -> Array:
 class _PromisedRate:
     """The property of a Promise that is the least mean over weight of rates of its slots."""
 
-    def __init__(self, shares: str) -> None:
-        self._shares = shares  # Name of the rates of a plan, (G, N).
+    def __init__(self, name: str) -> None:
+        self._name = name  # Attribute of a plan with rates of nodes times their shares, (G, N).
 
     def __get__(self, promise: 'Promise', _: object = None) -> float:
+        """Return the least over nodes of (mean in promised slots + offset) / weight, or NaN."""
         if not promise.slots:
             return math.nan
-        rates: Array = getattr(promise.plan, self._shares)
+        rates: Array = getattr(promise.plan, self._name)
         return find_least_rate(
             promise.plan.scenario, _select_slots(rates, promise.mask).mean(axis=1))
 
@@ -102,7 +103,7 @@ class Promise:
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """Return the times (begin, end) in s of slots that are not promised."""
+        """Return the times (begin, end) [s] of each run of slots that are not promised."""
         step = self.plan.scenario.slot_duration
         edges = np.flatnonzero(np.diff(np.pad(~self.mask, 1).astype(int))) + 1
         return [(float(begin), float(end)) for begin, end in edges.reshape(-1, 2) * step]

@@ -39,7 +39,7 @@ class ReaderProcess:
 
     def read(self, text: str) -> tuple[Plan, str]:
         """
-        Return the plan and the frame in a text, as parse_text does.
+        Return the plan and the name of its frame in a text; the process runs parse_text.
 
         :raises PlanFileError: if the text contains no plan, or the process has ended.
         """
@@ -64,7 +64,7 @@ class ReaderProcess:
         return plan, frame_id
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process, if one runs; the next `read` starts another one."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()

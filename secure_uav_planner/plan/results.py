@@ -44,8 +44,9 @@ def explain_silence(scenario: Scenario) -> str:
     """
     Say why no plan of a scenario can carry anything in secret, or return an empty string.
 
-    An empty string does not mean that a plan can: only two reasons are looked for, a disc that
-    always covers a ground node, and a listener at the same place.
+    An empty string does not mean that a plan can: only two reasons are looked for. In each slot
+    the disc of an eavesdropper that receives no worse covers a ground node, or a ground node that
+    is not trusted is always where another one is.
     """
     grounds, centres, radii = scenario.receivers
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
@@ -139,7 +140,7 @@ class RatedFlight(Checked):
     @cached_property
     def guaranteed_rates(self) -> Array:
         """
-        Guaranteed rate [R-bar]^+ of each slot, summed over the ground nodes, (N,) in bit/s/Hz.
+        Guaranteed rate of each slot, the sum of share * [R-bar]^+ over nodes, (N,) in bit/s/Hz.
 
         It holds for every place of the eavesdroppers inside their discs at the times of the
         points. It holds neither outside the discs nor between the points; see curve_rates.
@@ -154,9 +155,9 @@ class RatedFlight(Checked):
     @cached_property
     def worst_case_rates(self) -> Array:
         """
-        Worst-case rate R of each slot, equation (6), summed over ground nodes, (N,) in bit/s/Hz.
+        Worst-case rate of each slot, the sum of share * [R]^+ over nodes, (N,) in bit/s/Hz.
 
-        It is the least secrecy rate over all places of the eavesdroppers inside their discs at
+        R, equation (6), is the least secrecy rate over all eavesdropper places in the discs at
         the times of the points. It does not hold outside the discs or between the points.
         """
         return read_only(self.worst_case_shares.sum(axis=0))
@@ -174,7 +175,7 @@ class RatedFlight(Checked):
     @cached_property
     def curve_rates(self) -> Array:
         """
-        Guaranteed rates along the curve, as means over each slot, (N,) in bit/s/Hz.
+        Guaranteed rates along the curve, as means over time in each slot, (N,) in bit/s/Hz.
 
         They differ from guaranteed_rates, the rates at the points, by the discretisation.
         """
@@ -182,7 +183,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Mean guaranteed rate along the curve of each ground node times its fraction, (G, N)."""
+        """Fraction of each slot for each node times [mean R-bar along the curve]^+, (G, N)."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
             lambda times: (self.curve.at(times).positions, self.powers))))
@@ -306,8 +307,9 @@ class Bound(Checked):
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        If the bound ignores a limit, the text says that the best possible plan is one without
-        this limit.
+        The percentage is 100 * share_missing, rounded up. For an infinite bound, which proves
+        nothing, the text is 'perhaps far below the best possible'. If the bound ignores limits,
+        their names follow ' without': the best possible plan is then one without them.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

@@ -27,7 +27,8 @@ def cut_tail(plan: Plan, point: int) -> Plan:
 
     The rest has the average powers and the energy that the slots before the point leave. With
     several ground nodes, what the slots before the point deliver becomes the head_starts of the
-    rest. Each UAV begins with the velocity at which it reaches the point.
+    rest. Each UAV begins with the velocity at which it reaches the point. The rest has no history,
+    bound, bits and too_short.
 
     :param plan: a Plan.
     :param point: index of the rest's first point, from 0 to slots - 1.
@@ -67,11 +68,11 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
 
     :param plan: a Plan.
     :param point: index of the tail's first point, as passed to cut_tail.
-    :param tail: a Plan of the mission of cut_tail, perhaps with other eavesdroppers.
+    :param tail: a Plan of the mission of cut_tail, perhaps with other receivers.
     :param beginning: positions and powers up to the point, if they are not the plan's.
     :param first: index of the last point at which the receivers and the promise of the plan
         apply; by default `point`. The tail's receivers and promise apply after it.
-    :return: a Plan of the whole mission.
+    :return: a Plan of the whole mission, with the plan's start, the tail's method and no bound.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
     inside = WholeNumber(0, scenario.slots - 1)
@@ -112,7 +113,7 @@ def move_receivers(scenario: Scenario, source: Scenario, delay: float = 0.0) -> 
 
 
 def _join_receivers(scenario: Scenario, updated: Scenario, point: int) -> Scenario:
-    """Return `updated`, but with receivers that follow `scenario` up to a point."""
+    """Return `updated` with receivers that follow `scenario` up to a point, unless it is 0."""
     if point == 0:
         return updated
     step = scenario.slot_duration
@@ -149,17 +150,17 @@ def _shift(time: float | None, seconds: float) -> float | None:
     return None if time is None else time + seconds
 
 
-def _join_gaps(plan: Plan, tail: Plan, first: int, delay: float
+def _join_gaps(plan: Plan, tail: Plan, last_point: int, delay: float
                ) -> tuple[tuple[float, float], ...]:
     """
     Return the gaps (begin, end) [s] in the joint promise of a plan and its tail.
 
-    The plan's promise applies up to point `first`, the tail's from point `first` + 1 on.
+    The plan's promise applies up to `last_point`, the tail's from `last_point` + 1 on.
 
     :param delay: time [s] of the tail's point 0 in the plan.
     """
     step = plan.scenario.slot_duration
-    last, following = first * step, (first + 1) * step  # Times of these two points.
+    last, following = last_point * step, (last_point + 1) * step  # Times of these two points.
     before = _cut_gaps(plan.gaps, 0.0, 0.0, following)
     # A promise of the plan that ended earlier leaves a gap up to the tail.
     if plan.promised_until is not None and plan.promised_until < last - _ROUNDING:
@@ -176,7 +177,7 @@ def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float,
 
 
 def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return gaps merged where they overlap; a point at which two gaps only touch is promised."""
+    """Return sorted gaps, merged if they overlap; if two only touch, the point is promised."""
     merged: list[tuple[float, float]] = []
     for begin, end in sorted(gaps):
         if merged and begin < merged[-1][1]:
@@ -186,7 +187,7 @@ def _merge_gaps(gaps: Sequence[tuple[float, float]]) -> tuple[tuple[float, float
 
 
 def _find_velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
-    """Return the velocity in m/s with which a UAV reaches a point of its path, (N+2, 2)."""
+    """Return the velocity [m/s] of a UAV on the move to a point of path (N+2, 2); None if free."""
     if point == 0:
         return uav.start_velocity
     x, y = ((path[point] - path[point - 1]) / step).tolist()

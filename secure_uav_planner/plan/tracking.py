@@ -88,7 +88,10 @@ class FollowerReports:
 
     def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
         """
-        Return the plan's time [ns] from which all reports depart, or in the last report if none.
+        Return the plan's time [ns] in the first report from which on all reports depart.
+
+        If the last report does not depart, it is the time in the last report. Reports from before
+        the first one about this plan are left out.
 
         :param has_departed: tells for the times of the clock and of the plan [ns] whether the
             flight departs from its schedule.
@@ -113,7 +116,9 @@ class FollowerReports:
         """
         Return True if the plan is paused, or its playback speed was constant over a second.
 
-        After a pause within the last second the answer is False: the plan still speeds up.
+        Constant means that the median speeds in both halves of the second differ by less than
+        _STEADY. After a pause within this second the answer is False: the plan still speeds up.
+        With a single report it is True.
         """
         since, plan = self._since_last() * 1e-9  # Clock and plan, 0 at the last report [s].
         scales = np.diff(plan) / np.diff(since)
@@ -136,11 +141,12 @@ class FollowerReports:
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """
-        Return the plan's time [s] from its point 0 and the playback speed at a clock's time [ns].
+        Return the plan's time [s] from its point 0 at a clock's time [ns], and a playback speed.
 
+        The speed is the one between the last two reports, also for an earlier clock's time.
         Between reports the plan's time is interpolated, and before the first report it is the
-        first reported one. After the last report it advances at the last playback speed
-        for SILENCE. Then it stands still and the playback speed is 0.
+        first reported one. After the last report it advances at the playback speed for SILENCE.
+        Then it stands still and the playback speed is 0.
         """
         (last, plan), scale = self._pairs[-1], self._first_scale
         if self.has_time_scale:
@@ -189,9 +195,14 @@ class Watch:
         self._states = deque[MeasuredState]()
 
     def add(self, state: MeasuredState) -> None:
-        """Add a state; one that is not newer than the last state is ignored."""
+        """
+        Add a state, and forget those over _WATCHED_S older.
+
+        A state not newer than the last one is ignored. A state over _WATCHED_S older than the last
+        one begins another flight, and all others are forgotten.
+        """
         if self._states and state.time < self._states[-1].time - _WATCHED_S:
-            self._states.clear()  # The time of the plan went back: another flight has begun.
+            self._states.clear()
         if not self._states or state.time > self._states[-1].time:
             self._states.append(state)
         while self._states[-1].time - self._states[0].time > _WATCHED_S:
@@ -201,9 +212,10 @@ class Watch:
         """
         Return True if a UAV stands or brakes to rest instead of returning to its plan.
 
-        Both must be so: its position is at least _DISTINCT_M nearer to the stop than to the return
-        predicted from the first state, and its velocity, if known, is nearer to 0 than to the
-        autopilot's command. Before _LEAST_WATCHED_S of motion the answer is False.
+        From the first state, predict_stop and predict_return give two positions for now. The last
+        measured one must be at least _DISTINCT_M nearer to the stop than to the return. The last
+        velocity, if known, must be nearer to 0 than to the autopilot's command. Before
+        _LEAST_WATCHED_S of motion the answer is False.
         """
         if not self._states or (
                 self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):
@@ -224,7 +236,8 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     Predict the flight of a UAV back to its plan, as its autopilot would steer it.
 
     The commanded velocity is the planned velocity plus GAIN times the offset to the plan, at most
-    max_speed. Velocity changes at max_acceleration, and is low enough to brake at it in time.
+    max_speed. Velocity changes at max_acceleration, and is low enough to brake at it in time. If
+    the velocity was not measured, the UAV begins with the planned one.
 
     :param times: (K,) in s from point 0, increasing. Before the time of the measured state, its
         position and velocity are returned.
@@ -232,7 +245,7 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     """
     times = np.asarray(times, float)
     horizon = max(0.0, float(times[-1]) - state.time)
-    # Fixed steps, so that a prediction does not depend on the last time that is asked for.
+    # The step is fixed up to a horizon of 1000 s, so that the last of `times` changes nothing.
     step = max(_STEP, horizon / _MOST_STEPS)
     count = max(1, math.ceil(horizon / step))
     grid = state.time + step * np.arange(count + 1)
@@ -261,7 +274,7 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
 def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float | None
                  ) -> tuple[Array, Array]:
     """
-    Predict the flight of a UAV that brakes to rest and stands.
+    Predict the flight of a UAV that brakes to rest and stands; an unknown velocity is taken as 0.
 
     :param times: (K,) in s from point 0. Before the measurement, its position and velocity are
         returned.
@@ -305,7 +318,7 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
 def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_duration: float
                      ) -> Uav:
     """
-    Return a UAV that starts at a position [m] with a velocity [m/s], or None if it is unknown.
+    Return a UAV that starts at a position [m] with a velocity [m/s], None for an unknown one.
 
     With an acceleration limit and a known velocity, which is clipped to max_speed, the curve
     begins in this state half a slot before point 0. Otherwise point 0 is the position.
@@ -326,7 +339,13 @@ def _command(playback: Playback, uav: int, state: MeasuredState) -> tuple[float,
 
 def _command_velocity(dx: float, dy: float, velocity: tuple[float, float], max_speed: float,
                       max_acceleration: float | None, step: float) -> tuple[float, float]:
-    """Return the velocity [m/s] that closes an offset (dx, dy) [m] to a target with `velocity`."""
+    """
+    Return the velocity [m/s] by which a UAV closes an offset (dx, dy) [m] to a moving target.
+
+    It is the target's `velocity` plus a closing velocity along the offset, clipped to max_speed.
+
+    :param step: time [s] for which it is commanded; the offset is not closed earlier.
+    """
     distance = math.hypot(dx, dy)
     closing = min(GAIN, 1 / step) * distance
     if max_acceleration is not None and distance > max_acceleration / GAIN**2:
@@ -362,11 +381,12 @@ class AchievedRates:
     def add(self, playback: Playback, time: float, positions: Array, time_scale: float = 1.0
             ) -> None:
         """
-        Add measured positions (U, 2) in m, at a time [s] from point 0 of a plan.
+        Add the time since the last call to the means, with rates at measured positions (U, 2) [m].
 
         A plan with another start begins a new flight. The time since the last call is left out of
         the means if it exceeds 2 s, or `time_scale` times 2 s for a faster playback.
 
+        :param time: time [s] of the positions, from point 0 of the plan.
         :param time_scale: playback speed.
         :raises OptionError: for positions of another shape.
         """

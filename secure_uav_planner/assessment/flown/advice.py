@@ -19,7 +19,9 @@ _LAGGING = 0.5  # Correlation of error and planned acceleration above which it i
 def advise(flight: FlownFlight, uavs: Mapping[str, UavErrors], cross_tracks: Array
            ) -> list[str]:
     """
-    Return what to type next, each with its reason.
+    Return advice such as 'tracking_margin: 1.2 (reason)': fields, parameters and options to set.
+
+    Without a measured UAV there is none.
 
     :param uavs: errors by UAV.
     :param cross_tracks: distance of each UAV from its planned path at flight.times, (U, K) in m.
@@ -55,7 +57,11 @@ def _has_constant_delay(flight: FlownFlight, index: int) -> bool:
 
 
 def _find_lagging(flight: FlownFlight, cross_tracks: Array) -> list[str]:
-    """Return advice for UAVs whose errors (U, K) correlate with the planned acceleration."""
+    """
+    Return advice on max_acceleration for UAVs whose errors follow the planned acceleration.
+
+    Their correlation is above _LAGGING, and the largest error is _LARGE_M or more.
+    """
     accelerations = np.linalg.norm(flight.course.at(flight.times).accelerations, axis=-1)
     advice = []
     for uav, errors, planned in zip(

@@ -47,7 +47,7 @@ class Shift(NamedTuple):
 
 
 def find_time_source(logs: Sequence[VehicleLog], course: Course) -> TimeSource:
-    """Return the first of plan_time, utc, takeoff and fit that all logs have."""
+    """Return the first of 'plan_time', 'utc', 'takeoff' and 'fit' that plan and all logs allow."""
     if all(log.plan_times is not None for log in logs):
         return 'plan_time'
     if course.last.start_ns is not None and all(log.utc_offset is not None for log in logs):
@@ -79,7 +79,7 @@ def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 
 def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) -> Array:
-    """Return the log's time in s at times of the plan (K,); NaN where nothing reports it."""
+    """Return the log's time [s] at times (K,) of the plan; NaN outside of plan_time's reports."""
     if source != 'plan_time':
         return times + shift.seconds
     assert log.plan_times is not None
@@ -88,7 +88,7 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) 
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
-    """Return the Shift of a log by the reports on plan_time; raise LogFileError without any."""
+    """Return the Shift by reports: median of log minus plan time [s], and largest deviation."""
     if log.plan_times is None:
         raise LogFileError('it has no plan_time of this plan')
     delays = np.subtract(*log.plan_times)
@@ -97,7 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift by the median over the UAVs of takeoff in the log minus in the plan."""
+    """Return the Shift: median over UAVs of departure in log minus in plan, half the spread."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
@@ -115,12 +115,12 @@ def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequen
 def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
               is_moved: bool = False) -> Shift:
     """
-    Return the shift with the least mean squared distance [m^2] of logs from their course.
+    Return the shift, log minus plan, with the least mean squared distance of logs from the course.
 
     :param uavs: index of the UAV of each log.
     :param is_moved: True if each log's frame may be displaced: its mean difference is subtracted.
-    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if the
-        logs cover too little of the plan, or if they are longer than _LONGEST_S.
+    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if none
+        fits, if the logs cover too little of the plan, or if they are longer than _LONGEST_S.
     """
     first = min(log.times[0] for log in logs)
     length = max(log.times[-1] for log in logs) - first
@@ -158,7 +158,7 @@ def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, flo
     """
     Return the index of the least local minimum over _APART_S from the best, and its RMS [m].
 
-    :param lags: lags in steps of STEP_S, (L,).
+    :param lags: lags [s], STEP_S apart, (L,).
     :param means: mean squared distance at each lag, (L,) in m^2.
     """
     apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
@@ -222,7 +222,7 @@ def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], 
 
 
 def _refine_lag(lags: Array, means: Array, best: int) -> float:
-    """Return the lag in s of the minimum of the parabola through the best lag's neighbours."""
+    """Return the lag [s] at the minimum of a parabola through the best mean and its neighbours."""
     if not 0 < best < len(means) - 1 or not np.isfinite(means[best - 1:best + 2]).all():
         return float(lags[best])
     before, here, after = means[best - 1:best + 2]

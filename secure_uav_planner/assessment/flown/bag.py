@@ -105,17 +105,17 @@ class FlightBag:
                                for identity in others if identity not in revisions]
 
 
-def _make_course(times: Iterable[tuple[str, float]], plans: dict[str, Plan], given: Plan
+def _make_course(in_force: Iterable[tuple[str, float]], plans: dict[str, Plan], given: Plan
                  ) -> Course:
     """
     Return the course of plans that replace each other.
 
-    :param times: identity of the plan that was in force at each of increasing times [s].
+    :param in_force: (identity of the plan in force, time [s] from point 0), in order of time.
     :param plans: the plans by identity.
-    :param given: the plan of the course without any times.
+    :param given: the only plan of the course if `in_force` is empty.
     """
     changes: list[tuple[str, float]] = []
-    for identity, time in times:
+    for identity, time in in_force:
         if not changes or changes[-1][0] != identity:
             changes.append((identity, time))
     if not changes:
@@ -130,7 +130,7 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
     A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
     where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
-    UAV that waits at its start for the planned time keeps the promise.
+    UAV that waits at its start for the planned time, or is at its goal, keeps the promise.
     """
     if plan.promised_until is None:
         return plan
@@ -146,10 +146,10 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
 
 def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """Return times [s] of the log's clock from origin_ns, and of the plan from start_ns."""
+    """Return times [s] of reports: on the log's clock from origin_ns, of plan from start_ns."""
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
-    # While the plan's time stands, only the first and the last report count.
+    # While the plan's time stands, only the first and the last report are kept.
     counts = np.append(advances, False) | np.append(False, advances)
     if not counts.any():
         raise LogFileError('the time of its plan does not advance')
@@ -244,7 +244,8 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
     """
     Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
 
-    Of several odometry topics, one with the UAV's name, ending in `<uav>/odom`, is preferred.
+    Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`. A single UAV
+    may have one without its name.
     """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: topic.strip('/').split('/') for topic in kinds}

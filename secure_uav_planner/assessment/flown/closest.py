@@ -28,7 +28,7 @@ def find_separation(flight: FlownFlight) -> Closest | None:
 
 
 def find_zone(flight: FlownFlight) -> Closest | None:
-    """Return the smallest distance to a zone at the UAV's height, negative inside, or None."""
+    """Return the least distance to zones within margin of a UAV's height, < 0 inside, or None."""
     scenario, margin = flight.plan.scenario, flight.plan.scenario.tracking_margin
     return _find_least(flight.times, {
         f'{name} and {zone_name}': np.where(
@@ -63,7 +63,7 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
 
 
 def _find_least(times: Array, distances: dict[str, Array]) -> Closest | None:
-    """Return the least of distances (K,) [m], by names, at times (K,); None if all are NaN."""
+    """Return the Closest of `distances`: (K,) [m] at times (K,) by names; None if all are NaN."""
     closest = [Closest(float(values[index]), float(times[index]), names)
                for names, values in distances.items() if np.isfinite(values).any()
                for index in [int(np.nanargmin(values))]]

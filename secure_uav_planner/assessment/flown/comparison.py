@@ -82,20 +82,20 @@ class Comparison:
 
     @cached_property
     def shortfalls(self) -> Array:
-        """Planned less achieved rate of each slot, at least 0, (N,); NaN if not covered."""
+        """Sum over nodes of [planned - achieved rate]^+ of each slot, (N,); NaN if not covered."""
         objective = self.plan.objective
         missing = np.maximum(self.planned[objective] - self.achieved[objective], 0.0)
         return np.where(self.covered, missing.sum(axis=0), np.nan)
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Promised slots whose rate was lower than planned, (N,); see BROKEN."""
+        """Promised slots with shortfall > BROKEN * planned + NEGLIGIBLE * mean planned, (N,)."""
         planned = self.planned[self.plan.objective].sum(axis=0)
         return self.promised & (np.nan_to_num(self.shortfalls) > (
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """Return min over nodes of (mean rate in covered slots + offset) / weight [bit/s/Hz]."""
+        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz] or NaN."""
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():
@@ -170,6 +170,8 @@ class Comparison:
     def to_dataframe(self) -> 'DataFrame':
         """
         Return a row for each slot: time, rates achieved and planned, promised, covered, broken.
+
+        Rates are sums over the ground nodes in bit/s/Hz, by objective; the time [s] is the begin.
 
         :raises MissingPackageError: when pandas is not installed.
         """

@@ -41,7 +41,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _read_table(reader: Any) -> dict[str, Array]:
-    """Return a table for each message type: in a row, the time [s] and the columns of its type."""
+    """Return a table by message type: in a row, time [s] and `columns`, 0 for a missing one."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
@@ -60,12 +60,12 @@ def _read(reader: Any) -> VehicleLog:
     estimate = next((table[name] for name in _ESTIMATES if name in table), None)
     if estimate is None:
         raise LogFileError('it has no positions of an estimator (XKF1 or NKF1)')
-    # Column C numbers the estimator's cores; the first message's core is used.
+    # Columns are time, C, PE, PN, PD, VE, VN, VD: the core's number, then east, north and down.
     estimate = estimate[estimate[:, 1] == estimate[0, 1]]
     down_to_up = np.array([1.0, 1.0, -1.0])
     battery = table.get('BAT')
     if battery is not None:
-        battery = battery[battery[:, 2] == 0]
+        battery = battery[battery[:, 2] == 0]  # The first battery; column 1 is the energy [Wh].
     setpoints = None
     if 'PSCN' in table and 'PSCE' in table:
         north, east = table['PSCN'], table['PSCE']
@@ -83,9 +83,10 @@ def _read(reader: Any) -> VehicleLog:
 
 
 def _find_utc_offset(table: dict[str, Any]) -> float | None:
-    """Return UTC minus the log's time [s] by GPS fixes, or None without a fix."""
+    """Return the median of UTC minus the log's time [s] by GPS fixes in space, or None."""
     if 'GPS' not in table:
         return None
+    # Columns are time [s], week, ms of the week, and status: 3 for a fix in space.
     fixes = table['GPS'][(table['GPS'][:, 3] >= 3) & (table['GPS'][:, 1] > 0)]
     if not len(fixes):
         return None

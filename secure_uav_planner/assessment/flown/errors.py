@@ -67,7 +67,7 @@ class UavErrors(NamedTuple):
 
 
 def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
-    """Return a UAV's errors, and its distances (K,) [m] from the planned path at flight.times."""
+    """Return a UAV's errors, and its distances (K,) [m], >= 0, from its path at flight.times."""
     times, uav = flight.times, flight.plan.scenario.uavs[index]
     log, clock = flight.logs[uav.name], flight.clocks[index]
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
@@ -130,7 +130,7 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
 
 
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
-    """Return the largest speed [m/s] and acceleration [m/s^2] flown, and the energy [J]."""
+    """Return largest speed [m/s] and acceleration over _WINDOW_S [m/s^2], and energy [J] flown."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     clock = clock[np.isfinite(clock)]
     # Speeds and energy are measured on the log's clock, since the plan's time stops in a pause.
@@ -148,7 +148,7 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
 
 
 def _measure_battery(flight: FlownFlight, index: int) -> float:
-    """Return the energy [J] taken from the battery from the first to the last covered time."""
+    """Return the energy [J] taken from the battery between first and last covered time, or NaN."""
     log = flight.logs[flight.plan.scenario.uavs[index].name]
     clock = flight.clocks[index][flight.covered[index]]
     if log.battery is None or not len(clock):
@@ -157,7 +157,7 @@ def _measure_battery(flight: FlownFlight, index: int) -> float:
 
 
 def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float:
-    """Return the RMS distance [m] of the autopilot's setpoints from planned positions (K, 2)."""
+    """Return the RMS distance [m] of the log's setpoints from `planned` (K, 2), NaN for none."""
     log, clock = flight.logs[flight.plan.scenario.uavs[index].name], flight.clocks[index]
     if log.setpoints is None:
         return math.nan

@@ -99,8 +99,8 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
         (when each vehicle leaves its place) or 'fit' (the least squared distance); by default the
         first of these that all logs have.
     :param shifts: place (x, y) in m of the origin of each UAV's log in the plan's frame, by UAV.
-        Without a place and without an origin of mission and log, frames are equal if the vehicle
-        begins within START_TOLERANCE_M, or tracking_margin, of its start.
+        Without a place and without an origin of mission and log, frames are taken as equal. Then
+        the vehicle must begin within START_TOLERANCE_M of its start, or a larger tracking_margin.
     :raises OptionError: for a wrong argument.
     :raises LogFileError: for a file that cannot be read or is no log of this flight, naming the
         file and the reason.

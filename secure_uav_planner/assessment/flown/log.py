@@ -60,7 +60,7 @@ class VehicleLog:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Drop samples without a position or out of order; add the jumps of the positions."""
+        """Drop samples without a position or not after all earlier ones; find further jumps."""
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
         valid = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
         latest = np.maximum.accumulate(times[valid])  # Latest time up to each sample.
@@ -98,7 +98,8 @@ class VehicleLog:
         Return velocities (L, 2) in m/s at times of the log's clock.
 
         :param times: increasing, (L,) in s.
-        :return: NaN in gaps; differences of positions, NaN at jumps, if the log has no velocities.
+        :return: velocities of the log, or differences of positions if it has none; NaN in gaps,
+            and for differences at jumps, too.
         """
         positions = self.positions_at(times)[:, :2]
         if self.velocities is not None:
@@ -111,7 +112,7 @@ class VehicleLog:
         return np.asarray(velocities)
 
     def _covers(self, times: Array) -> NDArray[np.bool_]:
-        """Return whether a position is known at times (L,): at a sample, or outside of gaps."""
+        """Return whether times (L,) [s] are at a sample, or between two samples without a gap."""
         steps = np.diff(self.times)
         is_whole = steps <= LONGEST_GAP
         # A step longer than LONGEST_GAP is a gap, and so is one over _SHORT_S with a jump.
@@ -150,7 +151,7 @@ def _find_jumps(times: Array, positions: Array) -> list[float]:
 
 
 def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a note of when a mode was active; `is_active` (K,) holds from times (K,) [s] on."""
+    """Return one note of when a mode was active; is_active[k] holds from times[k] [s] on."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_active, [False]]).astype(int)))
     if not len(edges):
         return (f'it was never in {mode}',)
@@ -161,9 +162,9 @@ def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tupl
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Discard all output of libraries, compiled ones included, inside the with statement."""
+    """Discard Python's output, and standard error of compiled libraries, in the with statement."""
     with open(os.devnull, 'w') as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
-        errors = os.dup(2)  # Compiled libraries print to the file itself.
+        errors = os.dup(2)  # Compiled libraries print to file 2 itself.
         os.dup2(nowhere.fileno(), 2)
         try:
             yield
@@ -187,7 +188,9 @@ def check_magic(path: str | os.PathLike[str], offset: int, magics: Collection[by
 @contextmanager
 def refuse_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """
-    Turn every error inside the with statement into a LogFileError that names the file.
+    Turn an error inside the with statement into a LogFileError that names the file.
+
+    A MemoryError stays as it is.
 
     :raises MissingPackageError: when the library is not installed.
     """

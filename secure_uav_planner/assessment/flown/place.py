@@ -23,12 +23,13 @@ _CLOSE_FIT = 0.05  # A fit is close if its RMS is below this share of the extent
 def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: object
                ) -> tuple[dict[str, VehicleLog], set[str]]:
     """
-    Return logs moved into the plan's frame, and the names of UAVs whose log could be moved.
+    Return logs moved into the plan's frame, and the names of UAVs whose log was moved.
 
-    A log without a shift and without an origin on Earth, of itself or the mission, is not moved.
+    A log is moved by its shift. Without a shift it is moved by the origins on Earth of log and
+    mission. If one of these is missing, the log is returned as it is.
 
-    :param shifts: position (x, y) in m of the origin of each UAV's log in the plan's frame, by
-        UAV, or None. A UAV without one gets it from the origins of its log and of the mission.
+    :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV. UAVs
+        may be missing; None has no UAV.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
@@ -75,7 +76,11 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
 
 
 def _suggest(log: VehicleLog, course: Course, uav: int, tolerance: float) -> str:
-    """Return the option to type for a log in another frame, or '' if no displacement fits."""
+    """
+    Return what to type for a log in another frame: --shift or --at fit; '' if nothing fits.
+
+    If the log fits with x and y swapped, the text says so instead.
+    """
     name = course.last.scenario.uavs[uav].name
     swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])
     for candidate in (log, swapped):

@@ -85,7 +85,7 @@ def _read_common_file(path: Path, plan: Plan, names: tuple[str, ...]) -> Recordi
 
 
 def _read_log(path: Path, name: str) -> VehicleLog:
-    """Return the log of one UAV, read by the ending of the file."""
+    """Return the log of the UAV `name`, by the reader for the file's ending."""
     kind = path.suffix.lower()
     if kind not in (*_READERS, '.csv'):
         raise LogFileError(f'{path} has the ending {quote(path.suffix)}; it must be one of '

@@ -11,7 +11,7 @@ _TYPES = ('LOCAL_POSITION_NED', 'GPS_GLOBAL_ORIGIN', 'SYSTEM_TIME')
 
 
 def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log of the only vehicle in a file, on the clock since its boot."""
+    """Return the log of a file's only vehicle, by time since boot, in east, north and up."""
     from pymavlink import mavutil  # Here, since few need it.
     check_magic(path, 8, [b'\xfd', b'\xfe'])  # MAVLink 2 and 1, after a time stamp.
     connection = mavutil.mavlogfile(os.fspath(path))
@@ -25,7 +25,7 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
                            message.vy, message.vx))
         elif kind == 'GPS_GLOBAL_ORIGIN':
             reference = message.latitude * 1e-7, message.longitude * 1e-7
-        elif message.time_unix_usec:
+        elif message.time_unix_usec:  # SYSTEM_TIME; 0 if UTC is not known.
             utc_offsets.append(message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
     if not states:
         raise LogFileError('it has no message LOCAL_POSITION_NED')

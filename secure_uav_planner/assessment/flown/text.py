@@ -20,7 +20,8 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
     """
     Return the logs by UAV of a file with columns time, uav, x, y and perhaps z, vx, vy, power.
 
-    Positions are in m in the plan's frame. The column uav may be missing if `uavs` has one name.
+    Units are s, m in the plan's frame, m/s and W. An empty field is NaN. The column uav may be
+    missing if `uavs` has one name. UAVs of the file that are not in `uavs` are returned, too.
     """
     tables: dict[str, array[float]] = {}
     with Path(path).open(newline='', encoding='utf-8-sig') as file:

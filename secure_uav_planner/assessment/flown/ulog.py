@@ -54,7 +54,11 @@ def _to_enu(data: Any, *names: str) -> Array:
 
 
 def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, float] | None]:
-    """Return positions (K, 3) [m] in the first frame with a valid reference, and the reference."""
+    """
+    Return `positions` (K, 3) [m], moved in place into the first frame with a valid reference.
+
+    The second result is the reference of this frame, (latitude, longitude) in degrees, or None.
+    """
     if 'ref_lat' not in local:
         return positions, None
     references = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
@@ -91,7 +95,7 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
-    """Return times [s] and the integral of voltage * current from the first one [J], or None."""
+    """Return times [s] and energy drawn since the first [J], the integral of U max(I, 0)."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
@@ -105,7 +109,7 @@ def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
 
 
 def _describe_offboard(status: Any) -> tuple[str, ...]:
-    """Return a note of the time in OFFBOARD."""
+    """Return a note of the times [s] in OFFBOARD, none if the log does not tell the mode."""
     if status is None or 'nav_state' not in status:
         return ()
     return describe_mode('OFFBOARD', status['timestamp'] * _US,

@@ -34,7 +34,7 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
         with name, floor and ceiling in m above the ground, or floor_amsl and ceiling_amsl; or a
         map that Plan.to_geojson wrote), plan of QGroundControl (.plan: the fence), or file of KML
         (.kml: polygons).
-    :return: the zones, and the vertices of the geofence in m; None where the file has none.
+    :return: the zones, and the vertices of the geofence in m, None if the file has no fence.
     :raises OSError: when the file cannot be read, is no regular file, or is too large.
     :raises MissionFileError: naming the file, the feature, and what is allowed.
     """
@@ -67,7 +67,7 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
 
 
 def _list_features(path: str | os.PathLike[str]) -> list[tuple[Any, Any, Any]]:
-    """Return the name and the content of each feature, and the function that reads its areas."""
+    """Return (name, content, function that yields the areas in content) of each feature."""
     try:
         suffix = Path(checked_path(path)).suffix.lower()
         if suffix not in _FORMATS:
@@ -90,8 +90,9 @@ def _join_areas(areas: list[Area], origin: Origin) -> list[Area]:
     """
     Join the areas of a feature that the meridian of 180 degrees cuts (RFC 7946, 3.1.9).
 
-    Two parts would leave a way between them, since plans may touch the edges of zones. Areas
-    without a corner at 180 degrees, or with unequal heights, are returned as they are.
+    Two parts would leave a way between them, since plans may touch the edges of zones. Areas are
+    returned as they are if none has a corner at 180 degrees, or if they differ in floor, ceiling
+    or is_fence.
     """
     if not any(abs(place[1]) == 180 for area in areas for place in area.corners) or any(
             area[1:] != areas[0][1:] for area in areas):

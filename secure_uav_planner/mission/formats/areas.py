@@ -25,19 +25,19 @@ class Area(NamedTuple):
     is_fence: bool = False
 
 
-def checked_corners(corners: Any, latitude: int) -> list[tuple[float, float]]:
+def checked_corners(corners: Any, latitude_index: int) -> list[tuple[float, float]]:
     """
     Return the corners of a polygon in degrees, latitude first, or raise ScenarioError.
 
-    :param latitude: index of the latitude in each corner. The third number of a corner, if there
-        is one, is a height, which must be 0.
+    :param latitude_index: index of the latitude in each corner, 0 or 1. The third number of a
+        corner, if there is one, is a height, which must be 0.
     """
     if not is_sequence(corners) or len(corners) < 3:
         raise ScenarioError(f'a polygon is {quote(corners)}; it must have at least three corners')
-    return [checked_place('a corner', corner, latitude) for corner in corners]
+    return [checked_place('a corner', corner, latitude_index) for corner in corners]
 
 
-def checked_place(noun: str, place: Any, latitude: int) -> tuple[float, float]:
+def checked_place(noun: str, place: Any, latitude_index: int) -> tuple[float, float]:
     """Return a place in degrees, latitude first, or raise ScenarioError; see checked_corners."""
     numbers = [*map(to_number, place)] if is_sequence(place) else []
     if not 2 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
@@ -45,15 +45,16 @@ def checked_place(noun: str, place: Any, latitude: int) -> tuple[float, float]:
     if any(numbers[2:]):
         raise ScenarioError(f'{noun} has the altitude {numbers[2]:g} m, which is not above '
                             'the ground; give floor and ceiling')
-    north, east = numbers[latitude], numbers[1 - latitude]
-    if not (abs(north) <= 90 and abs(east) <= 180):
-        raise ScenarioError(f'{noun} has the latitude {north:.10g} and the longitude {east:.10g}; '
-                            'they must be from -90 to 90 and -180 to 180 degrees')
-    return north, east
+    latitude, longitude = numbers[latitude_index], numbers[1 - latitude_index]
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        raise ScenarioError(f'{noun} has the latitude {latitude:.10g} and the longitude '
+                            f'{longitude:.10g}; they must be from -90 to 90 and -180 to 180 '
+                            'degrees')
+    return latitude, longitude
 
 
 def checked_field(item: Any, name: str, kind: type[Any], noun: str) -> Any:
-    """Return a field of a mapping; raise ScenarioError unless it is of a class."""
+    """Return item[name] of the class `kind`; raise ScenarioError if it is missing or another."""
     value = item.get(name) if isinstance(item, Mapping) else None
     if not isinstance(value, kind):
         raise ScenarioError(f'{name} is {quote(value)}; it must be {noun}')

@@ -92,7 +92,8 @@ def read_document(path: str | os.PathLike[str], text: str | None = None) -> Docu
 
     :param text: content that is read instead of the file; None to read the file.
     :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
-    :raises MissionFileError: for a wrong syntax, with the line.
+    :raises MissionFileError: for a wrong syntax, with the line if it is known, or too many levels
+        or values, or bytes that are not UTF-8.
     """
     try:
         text = read_text(path, MOST_BYTES) if text is None else text
@@ -116,7 +117,7 @@ def read_document(path: str | os.PathLike[str], text: str | None = None) -> Docu
 
 def make_file_error(path: str | os.PathLike[str], problems: Iterable[FileProblem]
                     ) -> MissionFileError:
-    """Return the error of a file, with its problems by line; its text is one line."""
+    """Return the error of a file; its text has the first of `problems` by line."""
     problems = sorted(problems, key=lambda problem: problem.line or 0)
     line, text = problems[0]
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
@@ -159,7 +160,7 @@ def _parse_yaml(text: str) -> Document:
 
 
 def _parse_json(text: str) -> Document:
-    """Return the Document in a JSON text, with lines if it can also be read as YAML."""
+    """Return the Document in a JSON text; its lines are empty if YAML's reader refuses it."""
     data = json.loads(text)
     try:
         # JSON without tabs is YAML, whose reader gives lines; JSON has tabs only between values.
@@ -179,7 +180,7 @@ class _Reader:
         self._count = 0
 
     def value(self, node: yaml.Node, path: FieldPath) -> Any:
-        """Return a node as plain values, and note the lines of its fields; `path` leads to it."""
+        """Return the node at `path` as plain values, and note the line of each of its fields."""
         self._count += 1
         if self._count > MOST_VALUES or len(path) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(
@@ -197,7 +198,12 @@ class _Reader:
                                        problem_mark=node.start_mark) from None
 
     def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
-        """Return the values of a mapping and of `<<`, which yield; note lines and problems."""
+        """
+        Return the fields of a mapping and of `<<`, and note lines and problems.
+
+        A field of the mapping overrides one of `<<`. Problems are a name that is no text, whose
+        field is left out, and a name that comes twice.
+        """
         values: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         for key, value in node.value:
@@ -218,7 +224,7 @@ class _Reader:
         return {**merged, **values}
 
     def _merge_sources(self, node: yaml.Node, path: FieldPath) -> list[dict[str, Any]]:
-        """Return the mappings that `<<` names; the fields beside it override theirs."""
+        """Return the mappings that YAML's merge key `<<` names: one, or a list of several."""
         sources = self.value(node, (*path, '<<'))
         sources = sources if isinstance(sources, list) else [sources]
         if not all(isinstance(source, dict) for source in sources):

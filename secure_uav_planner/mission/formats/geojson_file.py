@@ -34,11 +34,12 @@ MAP_PROPERTIES = {'path': {'altitude', 'times', 'powers'}, 'ground_node': set(),
 
 def list_features(text: str) -> list[tuple[Any, Any]]:
     """
-    Return the name and the content of each feature, as read_feature takes it.
+    Return (name, (feature, is_ambiguous)) of each feature, for read_feature.
 
-    Of a plan's map, only zones and the fence are returned.
+    It is ambiguous if the file's crs allows latitude or longitude first. Of a plan's map, only
+    zones and the fence are returned.
 
-    :raises ScenarioError: for a polygon outside of features.
+    :raises ScenarioError: for a polygon outside of features, or a crs other than WGS84.
     """
     data = parse_json(text)
     kind = checked_field(data, 'type', str, 'a type of GeoJSON')
@@ -81,7 +82,7 @@ def _list_objects(value: Any) -> Iterator[Mapping[str, Any]]:
 
 
 def _may_begin_with_latitude(crs: Any) -> bool:
-    """Return whether places of a crs may have the latitude first; refuse all but WGS84."""
+    """Return True for a crs of EPSG, in either order, False for CRS84; refuse any other."""
     name = crs
     if isinstance(crs, Mapping):
         name = crs.get('properties')
@@ -109,7 +110,8 @@ def _find_map_kind(feature: Any) -> str | None:
     """
     Return the kind of a feature that a plan's map contains, None for a feature of another source.
 
-    In a plan's map, paths, ground nodes and tracks are no polygons, and the fence has no name.
+    A plan's map has exactly the properties kind, name and MAP_PROPERTIES[kind]. In it, paths,
+    ground nodes and tracks are no polygons, and the fence has no name.
     """
     kind = (properties := _properties(feature)).get('kind')
     if not isinstance(kind, str) or kind not in MAP_PROPERTIES or (
@@ -123,7 +125,7 @@ def _find_map_kind(feature: Any) -> str | None:
 
 
 def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
-    """Yield the areas of an item of list_features; raise ScenarioError if there is none."""
+    """Yield the areas of an item of list_features; refuse a hole, another shape, or no area."""
     feature, is_ambiguous = item
     properties, is_fence = _properties(feature), _find_map_kind(feature) == 'geofence'
     geometry = checked_field(feature, 'geometry', Mapping, 'a polygon')
@@ -141,7 +143,7 @@ def read_feature(item: Any, origin: Origin) -> Iterator[Area]:
 
 
 def _list_polygons(geometry: Any) -> list[Any]:
-    """Return the rings of each polygon of a geometry."""
+    """Return each polygon of a Polygon or MultiPolygon as its list of rings, outline first."""
     kind = geometry.get('type') if isinstance(geometry, Mapping) else geometry
     if kind not in _AREAS:
         raise ScenarioError(f'it is a {quote(kind)}; it must be a Polygon or a MultiPolygon')
@@ -151,15 +153,16 @@ def _list_polygons(geometry: Any) -> list[Any]:
 
 def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
     """
-    Return the corners of a ring, latitude first, if the order in the file is not known.
+    Return the corners of a ring, latitude first, from the order that lies near the origin.
 
     GeoJSON of 2008 has the longitude first, EPSG's definition the latitude. Files have either.
-    Only one order lies near the origin, except where latitude and longitude are nearly equal.
+    If no order lies within 100 km of the origin, the longitude is taken to be first. If both do,
+    as where latitude and longitude are nearly equal, a ScenarioError is raised.
     """
     near = []
-    for latitude in (1, 0):
+    for latitude_index in (1, 0):
         with suppress(ScenarioError, OptionError):
-            corners = checked_corners(ring, latitude)
+            corners = checked_corners(ring, latitude_index)
             origin.to_local(*zip(*corners))
             near.append(corners)
     if len(near) == 2 and near[0] != near[1]:
@@ -170,7 +173,7 @@ def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
 
 
 def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
-    """Return the 'floor' or 'ceiling' in m above the ground, also from its _amsl property."""
+    """Return 'floor' or 'ceiling' [m] above the ground, by <name> or <name>_amsl, or None."""
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)
@@ -184,7 +187,7 @@ def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> An
 
 
 def _check_properties(properties: Mapping[str, Any]) -> None:
-    """Refuse names of times, or of heights that may be above sea level, also in nested blocks."""
+    """Refuse names of times, or of heights that may be above sea level, at any depth of blocks."""
     for name, value in properties.items():
         if isinstance(value, Mapping):
             _check_properties(value)

@@ -35,7 +35,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def list_placemarks(data: bytes) -> list[tuple[Any, Any]]:
-    """Return (name, element) of each placemark; raise ScenarioError for areas outside of one."""
+    """Return (name, element) of each placemark; refuse links, times, and areas outside of one."""
     root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Builder()))
     namespace = root.tag[:-3] if root.tag.endswith('}kml') else None
     for element in root.iter():
@@ -65,7 +65,7 @@ def list_placemarks(data: bytes) -> list[tuple[Any, Any]]:
 
 
 def _find_placemark_kinds(root: ElementTree.Element) -> set[str]:
-    """Return Placemark and the tags that a Schema of KML 2.0 declares to be one."""
+    """Return 'Placemark' and the tags that a Schema of KML 2.0 derives from it."""
     kinds = {'Placemark'}
     for schema in root.iter('Schema'):
         if _strip(schema.get('parent') or schema.findtext('parent')) in kinds:
@@ -74,7 +74,7 @@ def _find_placemark_kinds(root: ElementTree.Element) -> set[str]:
 
 
 def read_polygons(placemark: ElementTree.Element, origin: Origin) -> Iterator[Area]:
-    """Yield the areas of a placemark, whose corners are longitude, latitude, altitude."""
+    """Yield the areas of a placemark; refuse holes, other shapes and stray coordinates."""
     shapes, rest = [], [*reversed(placemark)]
     while rest:
         element = rest.pop()
@@ -111,7 +111,7 @@ def _parse_corners(outline: ElementTree.Element) -> list[list[float]]:
 
 def _find_ceiling(polygon: ElementTree.Element, corners: list[list[float]], origin: Origin
                   ) -> float | None:
-    """Return the ceiling of a polygon in m above the ground, None for all heights."""
+    """Return the ceiling, the highest corner [m above ground], or None if clamped to ground."""
     mode = _strip(polygon.findtext('altitudeMode')) or 'clampToGround'
     for element in polygon.iter('altitudeMode'):
         if _strip(element.text) != mode:

@@ -40,7 +40,7 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any], text: str | None
 
     :param kind: the class Scenario, which imports this module.
     :param text: content that is read instead of the file; None to read the file.
-    :param airspace: the only `airspace` that `text` may name; with None it may name no airspace.
+    :param airspace: the only `airspace` that `text` may name, None for none. A file may name any.
     """
     document = read_document(path, text)
     check_foreign(path, document.data, *_FOREIGN_FILES)
@@ -71,7 +71,7 @@ def check_foreign(path: str | os.PathLike[str], data: Any, *fields: str) -> None
 
 def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     """
-    Add the zones and the fence of its airspace file to the plain values of a mission.
+    Replace `airspace` in the plain values of a mission by the zones and the fence of this file.
 
     :param folder: folder of the mission file, to which the airspace's path is relative.
     :raises ScenarioError: if the airspace file is wrong or cannot be read, if the mission has no

@@ -22,7 +22,7 @@ _FENCE_FIELDS = {'version', 'polygons', 'circles', 'breachReturn'}
 
 
 def list_fence(text: str) -> list[tuple[Any, Any]]:
-    """Return the name and the content of each area of a fence."""
+    """Return (name, JSON object) of each area of a QGroundControl plan's fence, for read_area."""
     fence = checked_field(parse_json(text), 'geoFence', Mapping, 'the fence of a plan')
     if (version := fence.get('version')) != _FENCE_VERSION:
         raise ScenarioError(f'the version of geoFence is {quote(version)}; it must be '
