@@ -44,7 +44,7 @@ def draw_comparison(comparison: Any) -> Picture:
 
 
 def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
-    """Draw the planned paths thin, the flown paths thick, and mark the largest error."""
+    """Draw planned and flown paths, with a cross at the largest error above _LEAST_MARKED_M."""
     flight, plan = comparison.flight, comparison.plan
     set_up_map(axes, extent)
     draw_ground(axes, plan.scenario)
@@ -77,7 +77,7 @@ def _draw_errors(axes: Any, comparison: Any) -> None:
 
 
 def _draw_rates(axes: Any, comparison: Any) -> None:
-    """Draw the rate of each slot as planned and as flown, and mark the broken slots."""
+    """Draw the objective's rate of each slot as planned and as flown; mark broken slots."""
     plan = comparison.plan
     edges = plan.times[1:]
     planned, flown = (rates[plan.objective].sum(axis=0)

@@ -25,7 +25,7 @@ _UAV_ROWS = (
 
 
 def comparison_table(comparison: Any) -> str:
-    """Return the numbers of a Comparison as a page of text."""
+    """Return the results of a Comparison as text: errors by UAV, distances, rates and advice."""
     flight, plan = comparison.flight, comparison.plan
     names = list(comparison.uavs)
     width = max(12, *(len(name) + 2 for name in names))
@@ -58,7 +58,7 @@ def comparison_table(comparison: Any) -> str:
 
 
 def _describe_time(flight: Any) -> str:
-    """Describe where the times of a flight are from, and each log's shift."""
+    """Return the source of a flight's times, and each finite shift: log time less plan time."""
     shifts = ', '.join(
         f'{name} {shift.seconds:.2f} s (+-{shift.uncertainty:.2f} s)'
         for name, shift in flight.shifts.items() if math.isfinite(shift.seconds))
@@ -66,7 +66,7 @@ def _describe_time(flight: Any) -> str:
 
 
 def _describe_rates(comparison: Any) -> str:
-    """Return flown beside planned rates, and promised slots with less than planned."""
+    """Return as text: rates and deliveries, broken and uncovered slots, the source of powers."""
     plan = comparison.plan
     rows = [('over covered slots', '', 'planned', 'flown')]
     rows += [(f'{plan.scenario.channel.rate_name(kind)}', 'bit/s/Hz',

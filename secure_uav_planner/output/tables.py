@@ -54,10 +54,10 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
 
 
 def _gap_cell(plan: Any) -> str:
-    """Return the gap of a plan to its bound in per cent, rounded up, or 'unknown'."""
+    """Return (bound - rate) / bound of a plan, such as '1.3%', or 'unknown' without a bound."""
     if plan.bound is None:
         return 'unknown'
-    # A bound is rounded up.
+    # A limit that is rounded up, to 0.1%, still holds.
     return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'
 
 
@@ -91,7 +91,7 @@ def assessment_table(assessment: Any) -> str:
 
 
 def _name_slots(assessment: Any) -> str:
-    """Return the slots with the largest outage as text, with first and last time."""
+    """Return the slots with the largest outage as text: the first and the last with its begin."""
     slots = np.flatnonzero(assessment.outages == assessment.outage) + 1
     times = assessment.plan.times[slots]
     if len(slots) == 1:
@@ -160,7 +160,7 @@ def list_columns(plan: Any) -> list[str]:
 
 def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     """
-    Return a row of list_columns for each point of each UAV: the flown position and velocity.
+    Return a row of list_columns for each point of each UAV, with place and velocity by the plan.
 
     With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
     after the last point: the points -1 and N+2. Power, rates and shares hold in the slot that
