@@ -216,7 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add one legend above all axes, with notes; `chosen` is the result of _choose_fields."""
+    """Add a legend with notes above all axes, and height for it; `chosen`: see _choose_fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen
@@ -260,7 +260,7 @@ def _label_field(field: str) -> str:
 
 
 def _label_value(row: Row, field: str | None) -> str:
-    """Return the value of a field in words, with its unit; '' for no field."""
+    """Return the value of a row's field with its unit, 'none' for null, '' for no field."""
     if field is None:
         return ''
     value = row['fields'][field]
