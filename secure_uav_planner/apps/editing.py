@@ -153,7 +153,7 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
 
 
 def replace_value(mission: Mission, path: FieldPath, change: Callable[[Any], Any]) -> Mission:
-    """Return the mission with change(value) at a path; None there removes a member of a list."""
+    """Return the mission with change(value) at a path; if that is None, a list loses the item."""
     changed: Any = copy.deepcopy(mission)
     owner, last = reduce(operator.getitem, path[:-1], changed), path[-1]
     owner[last] = change(owner[last])
@@ -180,7 +180,7 @@ def drag(mission: Mission, changes: Mapping[str, Any]) -> Mission:
 
 def _move(shape: Mapping[str, Any], value: Any) -> Any:
     """
-    Return the value at the place of a Handle after its shape was dragged, rounded to 0.1 m.
+    Return the value of a Handle after its shape was dragged, rounded to 0.1 m.
 
     :param shape: the shape after the drag.
     :param value: the value before the drag: corners [[x, y], ...] of an area, one place [x, y], a
@@ -212,7 +212,7 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
 def _read_disc(shape: Mapping[str, Any], x: float, y: float,
                radius: float) -> tuple[float, float, float]:
     """
-    Return (x, y, radius) of a dragged disc, from those before the drag.
+    Return (x, y, radius) of a disc after a drag, from x, y and radius before the drag.
 
     A disc of the old size was moved. Otherwise the centre stays, and the new radius is the
     distance from the centre to the side of the bounding box that moved most.

@@ -78,7 +78,7 @@ class Editor:
         return self._history[self._present][1]
 
     def edit(self, mission: Mission, text: str | None = None) -> None:
-        """Add a changed mission after the present one; without a text, adapt the present text."""
+        """Add a changed mission in place of undone ones; without a text, adapt the old text."""
         if mission != self.mission or text not in (None, self.text):
             if text is None:
                 text = self.source.change(self.text, self.mission, mission)

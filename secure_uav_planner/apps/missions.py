@@ -107,6 +107,7 @@ def check_mission(options: argparse.Namespace) -> None:
     """Print that a mission can be flown, and notes; raise MissionFileError if it cannot."""
     scenario = load_input(options.mission, Scenario.load)
     with locating_errors(options.mission):
+        # Whether the limits of energy can be met, only `solve` finds out.
         plan = fly_hover_fly(lift_limits(scenario))
         if scenario.limits_energy:
             solve(scenario, objective='guaranteed')

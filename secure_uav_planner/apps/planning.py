@@ -176,7 +176,7 @@ def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _
 
 
 def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -> Bound | None:
-    """Return a bound for a plan's objective, None after a stop, for a limit of 0 or a refusal."""
+    """Return a plan's upper bound, or None after a stop, for a time limit of 0 or a refusal."""
     if progress.is_stopped or not options.bound_time_limit or explain_refusal(plan.scenario):
         return None
     progress.show('bound ...', force=True)

@@ -241,7 +241,7 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
 
 
 def _list_failures(frame: Any, name: str | None) -> list[str]:
-    """Return lines of text: how many missions could not be flown, and at which values of x."""
+    """Return a list of at most one line: how many missions could not be flown, at which x."""
     failed = frame.rate.isna()
     if not failed.any():
         return []

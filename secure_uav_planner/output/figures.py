@@ -100,7 +100,7 @@ def _draw_missions(axes, assessment, promise_style):
     """Draw a histogram of the mission's rates, their 5% and 50% quantiles, the promised rate."""
     rates = assessment.rates
     low, high = rates.min(), rates.max()
-    if high - low < _LEAST_RANGE:
+    if high - low < _LEAST_RANGE:  # All draws have one rate.
         low, high = low - 0.5, low + 0.5
     axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=(low, high),
               color=RATE, alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')

@@ -96,7 +96,7 @@ def _make_point(points: Array) -> dict[str, Any]:
 
 
 def _cut_ring(ring: Array) -> dict[str, Any]:
-    """Return the Polygon of a ring (L, 2) of degrees, or a MultiPolygon if 180 degrees cuts it."""
+    """Return a ring (longitude, latitude) as a Polygon, or MultiPolygon if cut at 180 degrees."""
     polygon, parts = shapely.Polygon(ring), []
     west, _, east, _ = polygon.bounds
     for turn in range(_find_turn(west), _find_turn(east) + 1):

@@ -68,7 +68,7 @@ def draw_paths(axes, plan, extent, baselines=()):
 
 
 def add_plan_legend(axes, plan, **options):
-    """Add the legend of a plan's map; a UAV's entry has its line at nine powers from 0 W up."""
+    """Add the legend of a plan's map; a UAV's entry has the line at nine powers, 0 W to peak."""
     levels, uavs = np.linspace(0, 1, 9), plan.scenario.uavs
     peak = max(uav.peak_power for uav in uavs)
     add_map_legend(axes, {
@@ -79,7 +79,7 @@ def add_plan_legend(axes, plan, **options):
 
 
 def label_map(axes, scenario, plan=None, baselines=()):
-    """Write the texts of a map whose size is final: receivers, zones, and times along paths."""
+    """Write the texts of a map whose size is final: zones, eavesdroppers, times along paths."""
     point = point_size(axes)
     paths = () if plan is None else plan.positions
     discs = [shapely.Point(center).buffer(max(radius, 5 * point))
@@ -264,7 +264,7 @@ def _group_marks(places, distance):
 
 
 def add_map_legend(axes, uav_entries, **options):
-    """Draw a map's legend: `uav_entries` (artists by label), start, goal, labels of the axes."""
+    """Draw a map's legend: `uav_entries` (artists by label), start, goal, labelled artists."""
     entries = {**uav_entries, **{
         name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
         for name, marker in (('start', 'o'), ('goal', 's'))}}

@@ -37,7 +37,7 @@ def draw_plan(plan, baselines=(), axes=None, title=True, width=None) -> Picture:
     """
     Return a matplotlib Figure of a plan, as save_picture writes it.
 
-    The parameters are explained at Plan.plot.
+    The parameters are explained at Plan.plot: `axes` to draw into, `width` [inches] for a paper.
     """
     lines = (f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim) if title else ()
     if axes is not None:
@@ -149,7 +149,7 @@ def draw_powers(axes, plan, has_energies=True, **legend):
 
 
 def draw_rates(axes, plan, baselines=(), **legend):
-    """Draw both rates of each slot, and the guaranteed rates of baselines; see add_legend."""
+    """Draw guaranteed and worst-case rates by slot, and baselines' guaranteed rates, in grey."""
     edges = plan.times[1:]
     guaranteed, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), LEGEND_WIDTH))
                          for name in OBJECTIVES)
@@ -177,7 +177,7 @@ def draw_rates(axes, plan, baselines=(), **legend):
 
 
 def _finish_time_axes(axes, plan, label, legend):
-    """Label axes over time, and shade the intervals that are not promised."""
+    """Label and style axes over time, shade the intervals not promised, and add the legend."""
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     for number, (begin, end) in enumerate(plan.promise.gaps):

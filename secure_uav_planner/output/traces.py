@@ -80,7 +80,7 @@ class PlanTraces:
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
     def flown_traces(self, comparison):
-        """Yield (trace, chart row, None for the map) of flown paths and guaranteed rates."""
+        """Yield (trace, chart row or None: map) of flown paths and achieved guaranteed rates."""
         style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
                  'line': {'color': EAVESDROPPER, 'width': 1}}
         for index, path in enumerate(comparison.flight.positions):
@@ -90,7 +90,7 @@ class PlanTraces:
                          line_shape='hv', **style), 2
 
     def baseline_traces(self, baselines):
-        """Yield (trace, chart row, None for the map) of distinct paths and guaranteed rates."""
+        """Yield (trace, chart row or None: map) of distinct paths and all guaranteed rates."""
         drawn = [baseline for baseline, _ in distinct_paths(baselines)]
         for baseline in baselines:
             dash = _PLOTLY_DASHES[scheme_dash(baseline.method)]
