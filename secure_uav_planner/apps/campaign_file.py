@@ -95,13 +95,13 @@ def _parse_variation(name: str, value: Any) -> list[Any] | Law:
                 if np.isfinite(steps).all():
                     return list(steps.tolist())
     elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
-        [(law, numbers)] = value.items()
-        allowed = (f'{law} must have two numbers, or two places; they must be finite, and '
-                   f'{LAWS[law]}')
+        [(law_name, numbers)] = value.items()
+        allowed = (f'{law_name} must have two numbers, or two places; they must be finite, and '
+                   f'{LAWS[law_name]}')
         with suppress(TypeError, ValueError, OverflowError):
-            drawn = Law(law, *numbers)
-            if np.isfinite(drawn.draw(np.random.default_rng(0))).all():
-                return drawn
+            law = Law(law_name, *numbers)
+            if np.isfinite(law.draw(np.random.default_rng(0))).all():
+                return law
     raise ScenarioError(f'{name} is {quote(value)}; {allowed}')
 
 
@@ -113,14 +113,14 @@ def _checked_limit(value: Any) -> Any:
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
     """Return `value`, a list of `allowed` names; with _OWN, also of planners to be imported."""
-    schemes = [item for item in value if isinstance(item, str) and ':' in item] if (
+    planners = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
-            item in (*allowed, *schemes) for item in value):
+            item in (*allowed, *planners) for item in value):
         raise refuse(value, f'a list of {", ".join(allowed)}')
     with _blaming_field():
-        for scheme in schemes:
-            load_scheme(scheme)
+        for planner in planners:
+            load_scheme(planner)
     return value
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 JOURNAL = 'results.jsonl'
 
-_SINCE_0_1_0 = {'promise'}  # Columns that journals of version 0.1.0 lack.
+_NEWER_COLUMNS = {'promise'}  # Columns that journals of version 0.1.0 lack.
 _PERIODS = {True: 0.5, False: 30.0}  # Time between two reports [s]; True for a terminal.
 
 
@@ -205,7 +205,7 @@ def _read_row(line: bytes) -> Row | None:
         row = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _SINCE_0_1_0:
+    if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _NEWER_COLUMNS:
         return None
     rate = (int, float) if row['outcome'] == 'ok' else (int, float, type(None))
     kinds = {'key': str, 'fields': dict, 'rate': rate, 'guaranteed_rate': rate,

@@ -201,12 +201,12 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
     else:
         numbers = [round(float(text), 1) for text in re.findall(r'[-+.\deE]+', shape['path'])]
         return [list(point) for point in zip(numbers[::2], numbers[1::2])][:len(value)]
-    numbers = [round(number, 1) for number in moved]
+    rounded = [round(number, 1) for number in moved]
     if isinstance(value, dict):
-        return value | dict(zip(('position', 'error_radius'), (numbers[:2], *numbers[2:])))
+        return value | dict(zip(('position', 'error_radius'), (rounded[:2], *rounded[2:])))
     time = value[:1] if len(value) > 2 else []
     # The time of a knot stays; its radius stays if only the centre was dragged.
-    return [*time, *numbers, *value[len(time) + len(numbers):]]
+    return [*time, *rounded, *value[len(time) + len(rounded):]]
 
 
 def _read_disc(shape: Mapping[str, Any], x: float, y: float,

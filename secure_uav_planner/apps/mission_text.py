@@ -93,6 +93,7 @@ def _rewrite(text: str, before: Mission, after: Mission, list_changes: Any) -> s
     """
     wanted = read_document(_YAML, text).data
     changes = [*_list_changes(before, after)]
+    # Areas that change are no longer read from the file of the airspace.
     if 'airspace' in wanted and any(path[0] in _AREAS for path, _ in changes):
         del wanted['airspace']
         wanted |= {name: after[name] for name in _AREAS}

@@ -80,11 +80,11 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
     panels = [(objective, third, fourth)
               for fourth in fourths for objective in objectives for third in thirds]
     # Without a third field, the objectives are side by side. One or two panels in a row are large.
-    width = max(1, len(thirds) if has_third else len(objectives))
-    height = max(1, len(panels) // width)
-    figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
-                              4.8 if height == 1 else 3.2 * height), layout='constrained')
-    grid = figure.subplots(height, width, sharey=name is not None, sharex=has_third,
+    column_count = max(1, len(thirds) if has_third else len(objectives))
+    row_count = max(1, len(panels) // column_count)
+    figure = Picture(figsize=(2.0 + 4.5 * column_count if column_count < 3 else 3.2 * column_count,
+                              4.8 if row_count == 1 else 3.2 * row_count), layout='constrained')
+    grid = figure.subplots(row_count, column_count, sharey=name is not None, sharex=has_third,
                            squeeze=False)
     for axes, (objective, third, fourth) in zip(grid.flat, panels):
         group = frame[(frame.objective == objective) & (frame.third == third)

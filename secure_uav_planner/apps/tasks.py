@@ -131,7 +131,8 @@ def _solve_task(task: Task) -> Row:
         plan = load_scheme(method)(scenario)
         check_plan(plan, scenario)
     else:
-        plan = fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)
+        power = method.rpartition('_')[2]  # The baseline's power, 'constant' or 'optimised'.
+        plan = fly_hover_fly(scenario, power, time_limit=limit)
     results: Row = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
         'promise': scenario.channel.promise, 'status': plan.status,

@@ -182,8 +182,8 @@ def map_extent(scenario, plans=()):
 def extend_corners(scenario, corners):
     """Return corners (2, 2) [m] moved out around zones and fence, by at most the longer side."""
     low, high = np.array(corners)
-    most = (high - low).max()
+    most_shift = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]
     points = np.concatenate([corners, *(zone.vertices for zone in scenario.no_fly_zones), *fences])
-    return np.array([np.maximum(points.min(axis=0), low - most),
-                     np.minimum(points.max(axis=0), high + most)])
+    return np.array([np.maximum(points.min(axis=0), low - most_shift),
+                     np.minimum(points.max(axis=0), high + most_shift)])

@@ -56,8 +56,8 @@ def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
     largest = np.nan_to_num([errors.error_max_m for errors in comparison.uavs.values()])
     index = int(largest.argmax())
     if largest[index] > _LEAST_MARKED_M:
-        worst = list(comparison.uavs.values())[index].error_max_time_s
-        place = flight.positions[index, int(np.argmin(np.abs(flight.times - worst))), :2]
+        worst_time = list(comparison.uavs.values())[index].error_max_time_s
+        place = flight.positions[index, int(np.argmin(np.abs(flight.times - worst_time))), :2]
         axes.plot(*place, 'x', color=EAVESDROPPER, markersize=8)
         axes.annotate(f'{largest[index]:.1f} m', place, textcoords='offset points', xytext=(6, 6),
                       fontsize=8)

@@ -42,14 +42,14 @@ def comparison_table(comparison: Any) -> str:
                 f'{value:.2f}' for value in values)))
     lines = [_describe_time(flight), '\n'.join(flight.notes),
              align((8, *[width] * len(names)), rows)]
-    asked = {'separation': f'{plan.scenario.separation:g} m were asked for',
-             'zones': f'tracking_margin is {plan.scenario.tracking_margin:g} m',
-             'fence': f'tracking_margin is {plan.scenario.tracking_margin:g} m'}
-    nouns = {'separation': 'smallest distance of', 'zones': 'smallest distance of',
-             'fence': 'smallest distance to the geofence of'}
+    limits = {'separation': f'{plan.scenario.separation:g} m were asked for',
+              'zones': f'tracking_margin is {plan.scenario.tracking_margin:g} m',
+              'fence': f'tracking_margin is {plan.scenario.tracking_margin:g} m'}
+    labels = {'separation': 'smallest distance of', 'zones': 'smallest distance of',
+              'fence': 'smallest distance to the geofence of'}
     lines += ['\n'.join(
-        f'{nouns[kind]} {closest.names}: {closest.distance:.2f} m at {closest.time:.1f} s '
-        f'({asked[kind]})' for kind in asked
+        f'{labels[kind]} {closest.names}: {closest.distance:.2f} m at {closest.time:.1f} s '
+        f'({limits[kind]})' for kind in limits
         if (closest := getattr(comparison, kind)) is not None)]
     lines.append(_describe_rates(comparison))
     if comparison.advice:

@@ -123,15 +123,15 @@ def _cut_line(points: Array, values: Mapping[str, Sequence[float] | None]
     names = [name for name, given in values.items() if given is not None]
     # A row has longitude, latitude and values. Longitudes of part k are 360 * turns[k] +- 180.
     rows = np.column_stack([points, *(np.array(values[name], float) for name in names)])
-    held = [2 + names.index(name) for name in names if name == 'powers']
+    power_columns = [2 + names.index(name) for name in names if name == 'powers']
     parts, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
     for before, after in zip(rows[:-1], rows[1:]):
         if (turn := _find_turn(after[0])) != turns[-1]:
             meridian = 360 * max(turn, turns[-1]) - 180
-            cut = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
-            cut[0], cut[held] = meridian, before[held]
-            parts[-1].append(cut)
-            parts.append([cut])
+            crossing = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
+            crossing[0], crossing[power_columns] = meridian, before[power_columns]
+            parts[-1].append(crossing)
+            parts.append([crossing])
             turns.append(turn)
         parts[-1].append(after)
     columns = [(np.array(part) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()
