@@ -121,7 +121,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     Return the scipy.spatial.transform.Rotation of a quaternion (x, y, z, w).
 
     :param name: name of the quaternion in the error.
-    :raises PoseError: if its length is not 1.
+    :raises PoseError: if its length is not within 0.001 of 1.
     """
     length = math.hypot(*quaternion)
     if not abs(length - 1.0) < 1e-3:
