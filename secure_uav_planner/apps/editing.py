@@ -80,7 +80,8 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
             continue
         # Plotly drags an open path by its line only, so that the map inside a fence stays free.
         is_fence = color == GEOFENCE
-        outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:int(is_fence)]])
+        points = [*vertices, vertices[0]] if is_fence else vertices
+        outline = 'L'.join(f'{x},{y}' for x, y in points)
         yield Handle({'type': 'path', 'path': f'M{outline}{"" if is_fence else "Z"}',
                       'line': {'color': color, 'width': 2}, 'opacity': 0.6,
                       'fillcolor': 'rgba(0,0,0,0)' if is_fence else color,

@@ -136,14 +136,14 @@ def _compare_lists(present: list[Any], wanted: list[Any], path: FieldPath) -> It
     appended, one item is removed, or the whole list is replaced.
     """
     shared = min(len(present), len(wanted))
-    first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
+    changed = next((index for index in range(shared) if present[index] != wanted[index]), shared)
     if len(present) == len(wanted) and any(isinstance(item, (dict, list)) for item in wanted):
         for index, items in enumerate(zip(present, wanted)):
             yield from _list_changes(*items, (*path, index))
-    elif first == len(present):
-        yield from (((*path, index), wanted[index]) for index in range(first, len(wanted)))
-    elif present[:first] + present[first + 1:] == wanted:
-        yield (*path, first), _REMOVED
+    elif changed == len(present):
+        yield from (((*path, index), wanted[index]) for index in range(changed, len(wanted)))
+    elif present[:changed] + present[changed + 1:] == wanted:
+        yield (*path, changed), _REMOVED
     else:
         yield path, wanted
 
@@ -220,7 +220,7 @@ def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tupl
         end = node.end_mark.index - 1
         return end, end, f', {words}' if node.value else words
     end = _find_line_end(text, _find_end(text, node))
-    mark = '- ' * isinstance(node, yaml.SequenceNode)
+    mark = '- ' if isinstance(node, yaml.SequenceNode) else ''
     return end, end, f'\n{" " * _find_column(node)}{mark}{words}'
 
 

@@ -282,14 +282,14 @@ def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
     min(_MOST_LINES, R // 2) values.
     """
     samples = len({row['sample'] for row in rows})
-    counts = {}
+    value_counts = {}
     for name in rows[0]['fields'] if rows else ():
         values = [json.dumps(row['fields'][name]) for row in rows]
         # A field varies if a sample has several of its values; a drawn field has one value.
         if len({*zip((row['sample'] for row in rows), values)}) > samples:
-            counts[name] = len({*values})
-    first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
+            value_counts[name] = len({*values})
+    first = next((name for name, count in value_counts.items() if count <= max(2, len(rows) // 2)
                   and all(type(row['fields'][name]) in (int, float) for row in rows)), None)
-    later = [name for name, count in counts.items() if name != first and first is not None
+    later = [name for name, count in value_counts.items() if name != first and first is not None
              and count <= min(_MOST_LINES, len(rows) // 2)]
     return [first, *later[:3], *[None] * (3 - len(later))]

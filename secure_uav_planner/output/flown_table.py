@@ -86,9 +86,9 @@ def _describe_rates(comparison: Any) -> str:
         text += (f': {numbers}{", ..." if len(broken) > 10 else ""}; the worst, slot '
                  f'{worst + 1}, had {shortfalls[worst]:.4f} bit/s/Hz less than planned')
     if not comparison.covered.all():
-        edges = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
+        ends = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
         text += '\nnot covered: slots ' + ', '.join(
             f'{first}' if first == after - 1 else f'{first} to {after - 1}'
-            for first, after in edges.reshape(-1, 2).tolist())
+            for first, after in ends.reshape(-1, 2).tolist())
     source = 'set, by the log' if comparison.flight.powers is not None else "the plan's"
     return f'{text}\npowers: {source}'

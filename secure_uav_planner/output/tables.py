@@ -38,7 +38,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
     has_gaps = any(plan.bound is not None for plan in plans)
-    text = align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
+    text = align((_RATE, _RATE, _TIME, *([_RATE] if has_gaps else [])), rows)
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
@@ -173,7 +173,7 @@ def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     padding = (0, 0), (1 + ends, 1 + ends)
     powers = np.pad(plan.powers, padding)
     rates = np.pad([plan.guaranteed_rates, plan.worst_case_rates], padding)
-    shares = np.pad(plan.shares, padding)[:len(plan.shares) if len(plan.shares) > 1 else 0]
+    shares = np.pad(plan.shares if len(plan.shares) > 1 else plan.shares[:0], padding)
     _, centres, radii = scenario.receivers_at(times)
     discs = np.concatenate([centres, radii[..., np.newaxis]], axis=2).swapaxes(0, 1)
     common = np.column_stack([rates.T, discs.reshape(len(times), -1), shares.T]).tolist()
