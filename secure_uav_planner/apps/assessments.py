@@ -65,7 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return a channel with `changes`, the options of `assess` that are fields of Channel."""
+    """Return a channel with `changes` by field, whose los 'none' becomes None in place."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.
@@ -78,7 +78,7 @@ def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
-    """Print and draw a comparison; return FAILED if a slot broke, UNCOVERED in gaps, or None."""
+    """Print and draw a comparison; return FAILED (a slot broke), UNCOVERED (gaps) or None."""
     flight = read_flight(_parse_logs(options.flown), plan, options.at,
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)
@@ -86,7 +86,7 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
     file = choose_picture(options, '.flown.png', (*_PICTURES, _PAGE))
     if options.out or not options.json:
         with drawing_if_possible(file):
-            _save_view(comparison, file)
+            _save_comparison(comparison, file)
             if not options.json:
                 print(f'\nwritten: {file}')
     if comparison.broken.any():
@@ -94,8 +94,8 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
     return None if comparison.covered.all() else UNCOVERED
 
 
-def _save_view(comparison: Comparison, file: Path) -> None:
-    """Save a comparison as a page or as a picture, by the ending of the file."""
+def _save_comparison(comparison: Comparison, file: Path) -> None:
+    """Save a comparison as a page or as a picture, by the suffix of the file."""
     if file.suffix.lower() == _PAGE:
         from ..output.page import save_page
         save_page(comparison.plan, file, comparison=comparison)
@@ -119,7 +119,7 @@ def _parse_logs(words: Sequence[str]) -> Any:
 
 
 def _parse_shifts(words: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Return the shifts in m by UAV of words UAV=X,Y, or raise an OptionError."""
+    """Return {UAV: (x, y) [m]} of words UAV=X,Y, the last one of a UAV, or raise OptionError."""
     shifts = {}
     for word in words:
         match = re.fullmatch(r'(.+)=([^,]+),([^,]+)', word)

@@ -67,7 +67,7 @@ def _checked_mission(value: Any) -> Scenario:
 
 
 def _checked_variations(value: Any) -> dict[str, list[Any] | Law]:
-    """Return the values of each varied field, or its Law."""
+    """Return the values or the Law of each varied field; raise all ScenarioErrors together."""
     if not isinstance(value, dict):
         raise refuse(value, 'a mapping of fields')
     errors, variations = ErrorList(), {}
@@ -95,13 +95,13 @@ def _parse_variation(name: str, value: Any) -> list[Any] | Law:
                 if np.isfinite(steps).all():
                     return list(steps.tolist())
     elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
-        [(law, numbers)] = value.items()
-        allowed = (f'{law} must have two numbers, or two places; they must be finite, and '
-                   f'{LAWS[law]}')
+        [(law_name, numbers)] = value.items()
+        allowed = (f'{law_name} must have two numbers, or two places; they must be finite, and '
+                   f'{LAWS[law_name]}')
         with suppress(TypeError, ValueError, OverflowError):
-            drawn = Law(law, *numbers)
-            if np.isfinite(drawn.draw(np.random.default_rng(0))).all():
-                return drawn
+            law = Law(law_name, *numbers)
+            if np.isfinite(law.draw(np.random.default_rng(0))).all():
+                return law
     raise ScenarioError(f'{name} is {quote(value)}; {allowed}')
 
 
@@ -112,15 +112,15 @@ def _checked_limit(value: Any) -> Any:
 
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
-    """Return a list of allowed names; if _OWN is allowed, each `module:function` is, too."""
-    schemes = [item for item in value if isinstance(item, str) and ':' in item] if (
+    """Return `value`, a list of `allowed` names; with _OWN, also of planners to be imported."""
+    planners = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
-            item in (*allowed, *schemes) for item in value):
+            item in (*allowed, *planners) for item in value):
         raise refuse(value, f'a list of {", ".join(allowed)}')
     with _blaming_field():
-        for scheme in schemes:
-            load_scheme(scheme)
+        for planner in planners:
+            load_scheme(planner)
     return value
 
 
@@ -132,7 +132,7 @@ def _checked_assessment(value: Any) -> Any:
 
 @contextmanager
 def _blaming_field() -> Iterator[None]:
-    """Turn an OptionError into the error of a field of the campaign."""
+    """Turn an OptionError into a ScenarioError 'is wrong: ...' about a field of the campaign."""
     try:
         yield
     except OptionError as error:
@@ -166,7 +166,7 @@ class Campaign(Checked):
                                 f'{MOST_TASKS}')
 
     def _find_unfit(self) -> Iterator[ScenarioError]:
-        """Yield an error for each varied field that is not in the mission or set by a track."""
+        """Yield errors: varied fields that are missing or decided by a track; no scheme left."""
         parts_of = {name: name.split('.') for name in (*self.grid, *self.laws)}
         tracks = [parts[:2] for parts in parts_of.values() if parts[2:] == ['track']]
         for name, parts in parts_of.items():
@@ -200,7 +200,7 @@ class Campaign(Checked):
 
     @cached_property
     def _base(self) -> dict[str, Any]:
-        """Plain values of the mission, with all fields that vary."""
+        """Plain values of the mission, with the defaults of varied fields that to_dict omits."""
         # JSON turns tuples into lists, whose members can be replaced.
         mission: dict[str, Any] = json.loads(json.dumps(self.mission.to_dict()))
         for name in (*self.grid, *self.laws):
@@ -215,9 +215,10 @@ class Campaign(Checked):
     @cached_property
     def schemes(self) -> list[tuple[str, str]]:
         """
-        Pairs (method, objective) of each mission; `objectives` go to each method that has them.
+        Pairs (method, objective) of each mission: all `objectives` for each method.
 
-        Without `objectives`, a method of solve has its default, and others all of these defaults.
+        The method alternating takes only the objective guaranteed. Without `objectives`, a method
+        of solve has its default, and each other method has the defaults of all these methods.
         """
         methods = self.methods or METHODS[:1]
         by_method: dict[str, list[str]]
@@ -258,7 +259,7 @@ class Campaign(Checked):
                     yield make_task(mission, method, objective, settings, fields, sample)
 
     def _make_mission(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the campaign's mission with the values of varied fields."""
+        """Return the campaign's mission, as plain values, with the values of varied fields."""
         mission = copy.deepcopy(self._base)
         for name, value in fields.items():
             for owner, key in _resolve_field(mission, name):
@@ -274,6 +275,7 @@ def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaig
     Return the campaign of a YAML or JSON file, given by its path, or of a mapping of fields.
 
     :raises OSError: when the file cannot be read.
+    :raises OptionError: for a value of a mapping that is not plain.
     :raises MissionFileError: with all problems, each with its line in the file.
     """
     if isinstance(source, Mapping):
@@ -310,7 +312,7 @@ def _make_plain(fields: Mapping[str, Any]) -> Any:
 
 
 def _resolve_field(owner: Any, name: str) -> Iterator[tuple[Any, Any]]:
-    """Yield (owner, key) of each field with a dotted name; `*` means all items of a list."""
+    """Yield (list or mapping, key in it) of each field with a dotted name; `*` is every item."""
     part, _, rest = name.partition('.')
     keys: list[Any] = [part] if isinstance(owner, dict) and part in owner else []
     if isinstance(owner, list):

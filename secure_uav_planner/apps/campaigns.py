@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 JOURNAL = 'results.jsonl'
 
-_SINCE_0_1_0 = {'promise'}  # Columns that journals of version 0.1.0 lack.
+_NEWER_COLUMNS = {'promise'}  # Columns that journals of version 0.1.0 lack.
 _PERIODS = {True: 0.5, False: 30.0}  # Time between two reports [s]; True for a terminal.
 
 
@@ -130,20 +130,21 @@ class _Progress:
 
     def __init__(self, title: str, finished: Sequence[Row], total: int) -> None:
         self._title, self._total = title, total
+        # Missions done so far, and missions done before this run.
         self._done = self._first = len(finished)
         self._failed = sum(row['outcome'] != 'ok' for row in finished)
         self._started = self._reported = time.monotonic()
         self._is_terminal = sys.stderr.isatty()
 
     def add(self, row: Row) -> None:
-        """Count a finished mission, and report if the last report is old."""
+        """Count a finished mission, and report if the last report is _PERIODS old."""
         self._done += 1
         self._failed += row['outcome'] != 'ok'
         if time.monotonic() - self._reported >= _PERIODS[self._is_terminal]:
             self.report('\r' if self._is_terminal else '\n')
 
     def report(self, end: str = '\n') -> None:
-        """Print what is done, and the time that is left."""
+        """Print missions done, failed and per second, and the time that is left at this rate."""
         self._reported = time.monotonic()
         rate = (self._done - self._first) / max(self._reported - self._started, 1e-9)
         per_second = f'{rate:.0f}' if rate >= 100 else f'{rate:.3g}'
@@ -189,6 +190,7 @@ def _read_rows(folder: Path) -> dict[str, Row]:
                 row = _read_row(line)
                 if row is None and line.endswith(b'\n'):  # A shard may be writing the last line.
                     damaged.append(str(number))
+                # A later row counts instead, unless it is an infrastructure failure.
                 elif row is not None and (row['key'] not in rows or not _is_lost(row)):
                     rows[row['key']] = row
         if damaged:
@@ -198,12 +200,12 @@ def _read_rows(folder: Path) -> dict[str, Row]:
 
 
 def _read_row(line: bytes) -> Row | None:
-    """Return the Row in a line of a journal, or None if it is damaged."""
+    """Return the Row in a line of a journal, or None if it lacks a column or has a wrong type."""
     try:
         row = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _SINCE_0_1_0:
+    if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _NEWER_COLUMNS:
         return None
     rate = (int, float) if row['outcome'] == 'ok' else (int, float, type(None))
     kinds = {'key': str, 'fields': dict, 'rate': rate, 'guaranteed_rate': rate,
@@ -217,7 +219,7 @@ def _is_lost(row: Row) -> bool:
 
 
 def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
-    """Return a row, or None if it is missing or lost, or if its plan is to be kept and is gone."""
+    """Return a row; None if missing, an infrastructure failure, or its kept plan is gone."""
     if row is None or _is_lost(row):
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
@@ -226,15 +228,15 @@ def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
 
 
 def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
-    """Yield one task for each missing key; equal missions of a grid share a key."""
+    """Yield the first task with each key in `missing`, and remove the key from the set."""
     for task in tasks:
-        if task['key'] in missing:
+        if task['key'] in missing:  # Equal missions of a grid share a key.
             missing.remove(task['key'])
             yield task
 
 
 def run_sweep(options: argparse.Namespace) -> None:
-    """Run the campaign of a file and summarise it."""
+    """Plan a campaign's missions, write tables and a figure; at last, raise losses and faults."""
     campaign = load_input(options.mission, load_campaign)
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.

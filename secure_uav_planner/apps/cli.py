@@ -114,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_output_lost() -> bool:
-    """Print an empty line; return True if that fails."""
+    """Print an empty line; if that fails, discard all further output and return True."""
     try:
         print(flush=True)
     except OSError:
@@ -133,8 +133,8 @@ def _print_error(text: str) -> None:
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
-    """Run a node in this process; refuse arguments without --ros-args, which ROS would ignore."""
-    if arguments and arguments[0] != '--ros-args':
+    """Run a node; return DONE, or BAD_INPUT without ROS; refuse arguments without --ros-args."""
+    if arguments and arguments[0] != '--ros-args':  # ROS would ignore such arguments.
         first = arguments[0]
         hint = (arguments if first.startswith('-') else ['-p', first] if ':=' in first else
                 ['-p', f'mission_file:={first}'])

@@ -53,7 +53,7 @@ class Handle(NamedTuple):
 
 
 def list_handles(mission: Mission) -> list[Handle]:
-    """Return the Handles of a mission; a later one lies above the earlier ones."""
+    """Return Handles of areas, receivers, and UAVs' goals and starts; a later one lies above."""
     return [*_list_areas(mission), *_list_receivers(mission), *(
         Handle(_draw_point(uav[end], outline, uav_color(number)), ('uavs', number, end),
                ('uavs', number))
@@ -62,7 +62,11 @@ def list_handles(mission: Mission) -> list[Handle]:
 
 
 def _list_areas(mission: Mission) -> Iterator[Handle]:
-    """Yield Handles of fence, zones and corners; removing a triangle's corner removes the area."""
+    """
+    Yield Handles of fence and zones, each before the Handles of its corners.
+
+    An area like a circle has no corners to drag. Removing a triangle's corner removes the area.
+    """
     areas: list[tuple[FieldPath, FieldPath, Any, str, str]] = [
         (('no_fly_zones', number), ('no_fly_zones', number, 'vertices'), zone['vertices'],
          NO_FLY_ZONE, zone['name']) for number, zone in enumerate(mission['no_fly_zones'])]
@@ -76,7 +80,8 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
             continue
         # Plotly drags an open path by its line only, so that the map inside a fence stays free.
         is_fence = color == GEOFENCE
-        outline = 'L'.join(f'{x},{y}' for x, y in [*vertices, *vertices[:int(is_fence)]])
+        points = [*vertices, vertices[0]] if is_fence else vertices
+        outline = 'L'.join(f'{x},{y}' for x, y in points)
         yield Handle({'type': 'path', 'path': f'M{outline}{"" if is_fence else "Z"}',
                       'line': {'color': color, 'width': 2}, 'opacity': 0.6,
                       'fillcolor': 'rgba(0,0,0,0)' if is_fence else color,
@@ -88,7 +93,12 @@ def _list_areas(mission: Mission) -> Iterator[Handle]:
 
 
 def _list_receivers(mission: Mission) -> Iterator[Handle]:
-    """Yield Handles of discs, centres and ground nodes, one for each knot of a track."""
+    """
+    Yield Handles of each eavesdropper's disc and centre, then of ground nodes.
+
+    A receiver with a track has them for each knot. If an eavesdropper's track has two knots,
+    removing one removes the eavesdropper. A single ground node at rest cannot be removed.
+    """
     for number, eve in enumerate(mission['eavesdroppers']):
         owner: FieldPath = 'eavesdroppers', number
         name = eve['name']
@@ -123,7 +133,7 @@ def _draw_circle(x: float, y: float, radius: float, color: str) -> dict[str, Any
 
 
 def find_circle(vertices: Any) -> tuple[float, float, float] | None:
-    """Return centre and radius of a regular polygon of many corners, None for other polygons."""
+    """Return (x, y, radius) of a nearly regular polygon of many corners, None for others."""
     if len(vertices) < _LEAST_CORNERS:
         return None
     corners = np.asarray(vertices)
@@ -135,7 +145,7 @@ def find_circle(vertices: Any) -> tuple[float, float, float] | None:
 
 
 def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[str, Any]:
-    """Return a shape of the same size in pixels at every zoom, with a text below it."""
+    """Return Plotly's shape of an outline (x, y) [pixels] around a point, with a text below."""
     path = 'L'.join(f'{x},{y}' for x, y in outline)
     return {'type': 'path', 'path': f'M{path}Z', 'xsizemode': 'pixel', 'ysizemode': 'pixel',
             'xanchor': point[0], 'yanchor': point[1], 'fillcolor': color,
@@ -144,7 +154,7 @@ def _draw_point(point: Any, outline: Any, color: str, text: str = '') -> dict[st
 
 
 def replace_value(mission: Mission, path: FieldPath, change: Callable[[Any], Any]) -> Mission:
-    """Return the mission with change(value) at a path; None there removes a member of a list."""
+    """Return the mission with change(value) at a path; if that is None, a list loses the item."""
     changed: Any = copy.deepcopy(mission)
     owner, last = reduce(operator.getitem, path[:-1], changed), path[-1]
     owner[last] = change(owner[last])
@@ -192,20 +202,21 @@ def _move(shape: Mapping[str, Any], value: Any) -> Any:
     else:
         numbers = [round(float(text), 1) for text in re.findall(r'[-+.\deE]+', shape['path'])]
         return [list(point) for point in zip(numbers[::2], numbers[1::2])][:len(value)]
-    numbers = [round(number, 1) for number in moved]
+    rounded = [round(number, 1) for number in moved]
     if isinstance(value, dict):
-        return value | dict(zip(('position', 'error_radius'), (numbers[:2], *numbers[2:])))
+        return value | dict(zip(('position', 'error_radius'), (rounded[:2], *rounded[2:])))
     time = value[:1] if len(value) > 2 else []
-    return [*time, *numbers, *value[len(time) + len(numbers):]]
+    # The time of a knot stays; its radius stays if only the centre was dragged.
+    return [*time, *rounded, *value[len(time) + len(rounded):]]
 
 
 def _read_disc(shape: Mapping[str, Any], x: float, y: float,
                radius: float) -> tuple[float, float, float]:
     """
-    Return centre and radius of a dragged disc, whose centre and radius were x, y and radius.
+    Return (x, y, radius) of a disc after a drag, from x, y and radius before the drag.
 
-    With its old size, it was moved. Otherwise the centre stays, and the new radius is the distance
-    from the centre to the side that moved most.
+    A disc of the old size was moved. Otherwise the centre stays, and the new radius is the
+    distance from the centre to the side of the bounding box that moved most.
     """
     x0, x1, y0, y1 = (float(shape[name]) for name in ('x0', 'x1', 'y0', 'y1'))
     if all(math.isclose(span, 2 * radius, abs_tol=1e-6) for span in (x1 - x0, y1 - y0)):
@@ -221,7 +232,12 @@ def read_field(mission: Mission, owner: str, field: str) -> Any:
 
 
 def set_field(mission: Mission, owner: str, field: str, value: Any) -> Mission:
-    """Return the mission with another value of a field; a new duration keeps the slot length."""
+    """
+    Return the mission with another value of a field of each of _list_owners.
+
+    The value 0 of an _OPTIONAL field becomes null. A new duration also scales the number of slots,
+    so that the slot length stays nearly the same.
+    """
     mission = copy.deepcopy(mission)
     if field == 'duration' and value:
         mission['slots'] = max(1, round(mission['slots'] * value / mission['duration']))
@@ -236,7 +252,7 @@ def _list_owners(mission: Mission, owner: str) -> list[Any]:
 
 
 def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
-    """Return the mission with one more eavesdropper, jammer or zone near the middle of a map."""
+    """Return the mission with one more eavesdropper, jammer or zone near the map's middle."""
     size = float(np.ptp(extent, axis=0).max() // 40)
     x, y = _find_room(mission, extent.mean(axis=0).round(), size)
     members: dict[str, tuple[str, Mission]] = {
@@ -256,7 +272,11 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
 
 
 def _find_room(mission: Mission, middle: Array, size: float) -> list[float]:
-    """Return the place nearest the middle with a free square of side 2 size, else the middle."""
+    """
+    Return the first place, on rings of growing radius, with a free square of side 2 size.
+
+    Free is what is in the fence and off zones, starts and goals. If none is, return the middle.
+    """
     margin = mission['tracking_margin']
     taken = [shapely.Polygon(zone['vertices']).buffer(margin + 0.2 * size)
              for zone in mission['no_fly_zones']]

@@ -62,6 +62,7 @@ class Editor:
         self.kept: Plan | None = None
         self.source = source
         self.extent = widen(map_extent(source.scenario))
+        # Missions with their texts, oldest first, and the index of the present one.
         self._history, self._present = [(to_mission(source.scenario), source.text)], 0
         self._solve: Future[Plan] | None = None
         self._lock = threading.Lock()
@@ -77,12 +78,12 @@ class Editor:
         return self._history[self._present][1]
 
     def edit(self, mission: Mission, text: str | None = None) -> None:
-        """Make another mission the present one; without a text, keep the present notation."""
+        """Add a changed mission in place of undone ones; without a text, adapt the old text."""
         if mission != self.mission or text not in (None, self.text):
             if text is None:
                 text = self.source.change(self.text, self.mission, mission)
             self._history = [*self._history[:self._present + 1], (mission, text)][-_MOST_STEPS:]
-            self.step(_MOST_STEPS)  # The newest mission is the last one of the history.
+            self.step(_MOST_STEPS)  # The new mission is the last one of the history.
 
     def step(self, steps: int) -> None:
         """Redo a number of edits, or undo them if it is negative; stop at the history's ends."""
@@ -110,7 +111,8 @@ class Editor:
             if future is self._solve:
                 self.progress = (f'planning: {iteration.rate:.3f} bit/s/Hz after '
                                  f'{iteration.elapsed:.1f} of at most {_TIME_LIMIT:g} s')
-            # The end of the program also stops a solve: no thread may stay in the kernel then.
+            # True stops the solve: after an edit, or at the end of the program, when no thread
+            # may stay in the kernel.
             return future is not self._solve or not threading.main_thread().is_alive()
 
         try:
@@ -120,7 +122,7 @@ class Editor:
 
 
 def explore_mission(options: argparse.Namespace) -> None:
-    """Serve the page until Ctrl-C."""
+    """Serve the page on this computer, open it in a browser, and return after Ctrl-C."""
     source = load_input(options.mission or str(EXAMPLE), MissionText)
     try:
         listener = socket.create_server((_HOST, options.port))
@@ -146,6 +148,7 @@ def make_app(source: MissionText, port: int) -> Dash:
     editors: dict[str, Editor] = {}
 
     def refuse_others() -> None:
+        """Answer 403 to a request that is not for this server or comes from another site."""
         # DNS rebinding shows in the host, and a request of another site in the origin.
         own = f'http://{request.host}'
         if request.host not in (f'{_HOST}:{port}', f'localhost:{port}') or request.headers.get(
@@ -168,20 +171,22 @@ def make_app(source: MissionText, port: int) -> Dash:
         State('yaml', 'value'), State('version', 'data'), State('page', 'data'),
         prevent_initial_call=True)
     def edit(*arguments: Any) -> Any:
+        """Edit the mission by the changed component; return version, text and field values."""
         *_, values, text, version, page = arguments
         value = text if ctx.triggered_id == 'yaml' else ctx.triggered[0]['value']
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update, [no_update] * len(values)
         return _edit(editors[page], ctx.triggered_id, value, values, version)
 
-    # A callback of its own: with a resize of the window, Plotly reports a moved view, which would
-    # supersede an edit that is running in the callback `edit`.
     @app.callback(
         Output('version', 'data', allow_duplicate=True),
         Output('yaml', 'value', allow_duplicate=True), Input('map', 'relayoutData'),
         State('version', 'data'), State('page', 'data'), prevent_initial_call=True)
     def edit_shapes(change: Any, version: int, page: str) -> Any:
-        if page not in editors:
+        """Edit the mission by a dragged shape; return version and text."""
+        # A callback of its own: with a resize of the window, Plotly reports a moved view, which
+        # would supersede an edit that is running in the callback `edit`.
+        if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update
         return _edit(editors[page], 'map', change, [], version)[:2]
 
@@ -193,7 +198,8 @@ def make_app(source: MissionText, port: int) -> Dash:
         Input('version', 'data'), Input('tick', 'n_intervals'), Input('keep', 'n_clicks'),
         State('drawn', 'data'), State('page', 'data'))
     def follow(_: int, ticks: int, clicks: Any, drawn: int, page: str) -> Any:
-        if page not in editors:
+        """Show the mission and its plan or progress; `drawn` is the version of the shapes."""
+        if page not in editors:  # The server was started anew: the page must be reloaded.
             return (*[no_update] * 3, 'old', no_update, _OLDER, 'failed', '', ticks, drawn)
         editor = editors[page]
         if ctx.triggered_id == 'keep':
@@ -204,6 +210,7 @@ def make_app(source: MissionText, port: int) -> Dash:
     @app.callback(Output('download', 'data'), Input({'save': ALL}, 'n_clicks'),
                   State('page', 'data'), prevent_initial_call=True)
     def download(_: Any, page: str) -> Any:
+        """Send the text of the mission or the last plan, nothing without a plan."""
         editor = editors.get(page)
         if editor is not None and ctx.triggered_id['save'] == MISSION:
             return dcc.send_string(editor.text, MISSION)
@@ -218,13 +225,16 @@ def make_app(source: MissionText, port: int) -> Dash:
 
 def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: int) -> Any:
     """
-    Edit the mission by one change of the page, and return the outputs of the callback `edit`.
+    Edit the mission by one change of the page; return version, text and values of FIELDS.
+
+    An edit that is refused leaves the mission and sets editor.problem.
 
     :param trigger: id of the changed component: 'map', 'removed', 'yaml', {'field': label} of
         FIELDS, or {'do': name} of a button.
     :param value: new value of this component.
     :param values: values of all FIELDS on the page, in their order.
     :param version: version that the page shows.
+    :raises PreventUpdate: if nothing has changed since this version.
     """
     mission = editor.mission
     try:
@@ -281,7 +291,7 @@ def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:
 
 
 def _draw_plans(on_map: Patch, plan: Plan, kept: Plan) -> Patch:
-    """Draw a plan on the map, and the kept plan in grey below; return the Patch of the charts."""
+    """Put a plan, and the kept plan in grey below, into `on_map`; return the charts' Patch."""
     content, behind, charts = PlanTraces(plan), PlanTraces(kept), Patch()
     on_map['data'] = [*margin_traces(plan.scenario), *content.track_traces(),
                       *map(_paint_grey, behind.path_traces()), *content.path_traces()]

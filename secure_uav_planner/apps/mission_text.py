@@ -45,7 +45,7 @@ class MissionText:
         self.name = Path(path).stem.replace('_', ' ')
         self.text = read_text(path, MOST_BYTES).removeprefix('\ufeff')
         data = read_document(path).data
-        if is_json(path):
+        if is_json(path):  # The page shows all missions as YAML.
             self.text = format_document(_YAML, data)
         self._airspace = data.get('airspace')
         self._path = Path(path).with_name(_YAML)  # The path of an airspace starts at the folder.
@@ -63,7 +63,7 @@ class MissionText:
         Return the text of a mission after an edit.
 
         Values that stay keep their notation, such as degrees, and comments beside them stay. If
-        no such text is found, the mission is written anew.
+        no such text is found, the mission is written anew without comments.
 
         :param text: text of the mission `before`.
         :param before: mission before the edit, as to_mission returns it.
@@ -86,13 +86,14 @@ class MissionText:
 
 def _rewrite(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
     """
-    Return a text with the changes from one mission to another, or None after _MOST_PASSES.
+    Return a text with the changes from one mission to another, or None if _MOST_PASSES are short.
 
     :param list_changes: _list_changes for the smallest changes, or _list_fields for whole fields,
         if other values of the text refer to the changed ones.
     """
     wanted = read_document(_YAML, text).data
     changes = [*_list_changes(before, after)]
+    # Areas that change are no longer read from the file of the airspace.
     if 'airspace' in wanted and any(path[0] in _AREAS for path, _ in changes):
         del wanted['airspace']
         wanted |= {name: after[name] for name in _AREAS}
@@ -128,16 +129,21 @@ def _list_changes(present: Any, wanted: Any, path: FieldPath = ()) -> Iterator[
 
 def _compare_lists(present: list[Any], wanted: list[Any], path: FieldPath) -> Iterator[
         tuple[FieldPath, Any]]:
-    """Yield the changes inside items, of appended items, one removed item, or the whole list."""
+    """
+    Yield (path, new value or _REMOVED) of the changes from one list to another.
+
+    Lists of equal length with a list or mapping have changes inside items. Otherwise items are
+    appended, one item is removed, or the whole list is replaced.
+    """
     shared = min(len(present), len(wanted))
-    first = next((index for index in range(shared) if present[index] != wanted[index]), shared)
+    changed = next((index for index in range(shared) if present[index] != wanted[index]), shared)
     if len(present) == len(wanted) and any(isinstance(item, (dict, list)) for item in wanted):
         for index, items in enumerate(zip(present, wanted)):
             yield from _list_changes(*items, (*path, index))
-    elif first == len(present):
-        yield from (((*path, index), wanted[index]) for index in range(first, len(wanted)))
-    elif present[:first] + present[first + 1:] == wanted:
-        yield (*path, first), _REMOVED
+    elif changed == len(present):
+        yield from (((*path, index), wanted[index]) for index in range(changed, len(wanted)))
+    elif present[:changed] + present[changed + 1:] == wanted:
+        yield (*path, changed), _REMOVED
     else:
         yield path, wanted
 
@@ -150,10 +156,10 @@ def _list_fields(present: Any, wanted: Any) -> Iterator[tuple[FieldPath, Any]]:
 
 
 def _set_value(data: Any, path: FieldPath, value: Any) -> None:
-    """Change the value at a path of plain values; a list grows by an item at its end."""
-    *way, last = path
+    """Set or remove the value at a path in `data`; add missing mappings, and items at the end."""
+    *path_of_owner, last = path
     owner = reduce(lambda owner, key: owner.setdefault(key, {}) if isinstance(owner, dict)
-                   else owner[key], way, data)
+                   else owner[key], path_of_owner, data)
     if value is _REMOVED:
         del owner[last]
     elif isinstance(owner, list) and last == len(owner):
@@ -163,12 +169,12 @@ def _set_value(data: Any, path: FieldPath, value: Any) -> None:
 
 
 def _apply_changes(text: str, changes: list[tuple[FieldPath, Any]], wanted: Any) -> str:
-    """Return a text with the changes (path, plain value or _REMOVED)."""
+    """Return a text with the changes (path, value or _REMOVED) whose edits do not overlap."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     edits = {_find_edit(text, root, path, value, wanted) for path, value in changes}
     reached = len(text)
     for start, end, words in sorted(edits, reverse=True):
-        if end <= reached:  # Edits inside other edits follow at the next pass.
+        if end <= reached:  # An edit that overlaps another one follows at the next pass.
             text, reached = text[:start] + words + text[end:], start
     return text
 
@@ -177,6 +183,8 @@ def _find_edit(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: 
         int, int, str]:
     """
     Return (start, end, words): words in place of text[start:end] set or remove a value.
+
+    If the text lacks a key of the path, the wanted value of this key is added as a whole.
 
     :param root: node of the text's whole document.
     :param wanted: plain values of the whole mission after all changes.
@@ -200,8 +208,9 @@ def _find_edit(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: 
 
 def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tuple[int, int, str]:
     """
-    Return the edit (start, end, words) that appends the value at a path to its owner, a node.
+    Return the edit (start, end, words) that appends the wanted value at a path to its owner.
 
+    :param node: node of the owner: the mapping or the list that lacks the last key of the path.
     :param wanted: plain values of the whole mission after all changes.
     """
     words = format_value(reduce(operator.getitem, path, wanted))
@@ -211,7 +220,7 @@ def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tupl
         end = node.end_mark.index - 1
         return end, end, f', {words}' if node.value else words
     end = _find_line_end(text, _find_end(text, node))
-    mark = '- ' * isinstance(node, yaml.SequenceNode)
+    mark = '- ' if isinstance(node, yaml.SequenceNode) else ''
     return end, end, f'\n{" " * _find_column(node)}{mark}{words}'
 
 
@@ -231,7 +240,7 @@ def _find_column(node: yaml.Node) -> int:
 
 
 def _find_end(text: str, node: yaml.Node) -> int:
-    """Return the index in the text at which the last value of a node ends, before comments."""
+    """Return the index in the text at which a node's last value ends, before a comment there."""
     if isinstance(node, yaml.ScalarNode) or node.flow_style:
         return node.end_mark.index
     ends = [node.start_mark.index]
@@ -250,7 +259,7 @@ def _find_line_end(text: str, place: int) -> int:
 
 
 def _find_lines(text: str, owner: yaml.Node, key: Any) -> tuple[int, int, str]:
-    """Return the edit (start, end, '') that removes the lines of an item of a block."""
+    """Return the edit (start, end, '') that removes an item's lines from a block-style owner."""
     if isinstance(owner, yaml.MappingNode):
         node, value = next(item for item in owner.value if item[0].value == key)
     else:

@@ -37,7 +37,7 @@ _Content = TypeVar('_Content')
 
 
 def load_input(path: str, load: Callable[[str], _Content]) -> _Content:
-    """Load a file; raise an OptionError if it cannot be read."""
+    """Return load(path); raise an OptionError if the file cannot be read."""
     try:
         return load(path)
     except (OSError, UnicodeDecodeError) as error:
@@ -45,9 +45,10 @@ def load_input(path: str, load: Callable[[str], _Content]) -> _Content:
         raise OptionError(f'{path} cannot be read: {reason}') from None
 
 
-def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
-    """Return the file of --out, by default beside the plan; raise OptionError unless writable."""
-    file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
+def choose_picture(options: argparse.Namespace, default_suffix: str,
+                   suffixes: Sequence[str]) -> Path:
+    """Return the file of --out or beside the plan; refuse a wrong suffix, an unwritable file."""
+    file = Path(options.out) if options.out else Path(options.plan).with_suffix(default_suffix)
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
                           f'{", ".join(suffixes)}')
@@ -60,7 +61,7 @@ def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence
 
 
 def make_folder(folder: Path) -> Path:
-    """Make a folder if needed and return it; raise an error unless it is writable."""
+    """Make a folder if needed and return it; raise an OptionError unless it is writable."""
     with _refusing(f'{folder} cannot be written to', '; choose another folder with --out'):
         if folder.is_file():
             raise NotADirectoryError('it is a file')
@@ -103,9 +104,10 @@ def create_mission(options: argparse.Namespace) -> None:
 
 
 def check_mission(options: argparse.Namespace) -> None:
-    """Report all that is wrong with a mission."""
+    """Print that a mission can be flown, and notes; raise MissionFileError if it cannot."""
     scenario = load_input(options.mission, Scenario.load)
     with locating_errors(options.mission):
+        # Whether the limits of energy can be met, only `solve` finds out.
         plan = fly_hover_fly(lift_limits(scenario))
         if scenario.limits_energy:
             solve(scenario, objective='guaranteed')
@@ -156,7 +158,7 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
 
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each group of places in m that may be degrees, within _DEGREE."""
+    """Yield a note for each group of places in m that may be degrees: it is below _DEGREE wide."""
     groups: list[tuple[str, ArrayLike]] = [('starts, goals and receivers', scenario.landmarks), *(
         (name, zone.vertices) for name, zone in zip(
             scenario.zone_names, scenario.no_fly_zones, strict=True))]
@@ -175,7 +177,7 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:
             hovering = float(uav.propulsion.power(0.0)) * scenario.slot_duration * (
-                scenario.slots + 2)
+                scenario.slots + 2)  # A flight with an acceleration limit lasts N + 2 slots.
             yield (f'{uav.name}: by the model, hovering all the time takes '
                    f'{hovering / uav.max_energy:.0%} of max_energy, and the straight way '
                    f'{energy / uav.max_energy:.0%}')
@@ -183,7 +185,7 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
 
 @contextmanager
 def locating_errors(path: str) -> Iterator[None]:
-    """Add the lines of a mission file to an InfeasibleMissionError."""
+    """Turn an InfeasibleMissionError into a MissionFileError with lines of the mission file."""
     try:
         yield
     except InfeasibleMissionError as error:
@@ -191,7 +193,7 @@ def locating_errors(path: str) -> Iterator[None]:
 
 
 def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
-    """Yield a line for each autopilot parameter that UAVs of the scenario need changed."""
+    """Yield lines for each group of UAVs with equal limits: parameters to change, or why none."""
     groups: dict[tuple[float, float | None], list[str]] = {}
     for uav in scenario.uavs:
         groups.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)

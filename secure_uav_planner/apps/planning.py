@@ -49,6 +49,7 @@ class _Progress:
         return self
 
     def __exit__(self, error: object, *_: object) -> None:
+        """Restore the handlers of signals, erase the line; after an error, print `written`."""
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         self.show('', force=True)
@@ -60,7 +61,7 @@ class _Progress:
         signal.signal(number, signal.default_int_handler)
 
     def show(self, text: str, force: bool = False) -> bool:
-        """Replace the line, at most ten times a second unless forced; return is_stopped."""
+        """Replace the terminal's line, at most once a _PERIOD unless forced; return is_stopped."""
         now = time.monotonic()
         if sys.stderr.isatty() and (force or now - self._last_shown >= _PERIOD):
             self._last_shown = now
@@ -70,7 +71,7 @@ class _Progress:
 
 @contextmanager
 def drawing(file: Path) -> Iterator[None]:
-    """Name a file in errors of drawing it; unexpected errors become a PlanningError."""
+    """Put a file's path into errors of drawing it; turn unexpected ones into a PlanningError."""
     try:
         with naming(file), name_missing_package():
             yield
@@ -92,7 +93,7 @@ def drawing_if_possible(file: Path) -> Iterator[None]:
 
 
 def make_plan(options: argparse.Namespace) -> None:
-    """Plan a mission and write the results."""
+    """Plan a mission, write and print the results; after a stop, raise StoppedError at the end."""
     scenario = load_input(options.mission, Scenario.load)
     if options.mcap:
         with name_missing_package():
@@ -138,7 +139,7 @@ def _describe_proof(bound: Bound) -> str:
 
 
 def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progress) -> Plan:
-    """Return the plan that the options ask for."""
+    """Return the plan with the best rate found, or with --deliver the shortest plan for BITS."""
     def show(iteration: Iteration) -> bool:
         rate = f'{iteration.rate:.4f} bit/s/Hz' if iteration.rate else 'nothing yet'
         return progress.show(f'planning: iteration {iteration.number} ({iteration.step}), {rate}, '
@@ -161,7 +162,7 @@ def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progr
 
 def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _Progress
                     ) -> list[Plan]:
-    """Return fly-hover-fly with constant and with optimised power; print which one fails."""
+    """Return fly-hover-fly with constant and optimised power, until a stop; print failures."""
     plans: list[Plan] = []
     for power in ('constant', 'optimised'):
         if progress.show(f'fly-hover-fly with {power} power ...', force=True):
@@ -175,7 +176,7 @@ def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _
 
 
 def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -> Bound | None:
-    """Return a proven bound of a plan, or None if none is asked for or possible."""
+    """Return a plan's upper bound, or None after a stop, for a time limit of 0 or a refusal."""
     if progress.is_stopped or not options.bound_time_limit or explain_refusal(plan.scenario):
         return None
     progress.show('bound ...', force=True)
@@ -186,7 +187,7 @@ def _prove_bound(plan: Plan, options: argparse.Namespace, progress: _Progress) -
 
 
 def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
-    """Write CSV, map, picture and page, and yield each file that is written."""
+    """Write CSV, map (with an origin), picture and page, and yield each file that is written."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
     if plan.scenario.origin is not None:
@@ -199,7 +200,7 @@ def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]
 
 
 def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
-    """Write the picture, the page or the map of a plan, as the suffix of the file says."""
+    """Write the picture, the page or the GeoJSON map of a plan, by the suffix of the file."""
     if file.suffix.lower() == _MAP:
         plan.to_geojson(file)
     elif file.suffix.lower() == _PAGE:
@@ -211,7 +212,7 @@ def _save_view(plan: Plan, file: Path, baselines: list[Plan]) -> None:
 
 
 def show_plan(options: argparse.Namespace) -> None:
-    """Draw a plan and print its rates."""
+    """Print the rates of a saved plan, and write it as a picture, a page or a map."""
     plan = Plan.load(options.plan)
     file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE, _MAP))
     if file.suffix.lower() == _MAP and plan.scenario.origin is None:

@@ -80,11 +80,11 @@ def _draw_figure(rows: Sequence[Row]) -> Any:
     panels = [(objective, third, fourth)
               for fourth in fourths for objective in objectives for third in thirds]
     # Without a third field, the objectives are side by side. One or two panels in a row are large.
-    width = max(1, len(thirds) if has_third else len(objectives))
-    height = max(1, len(panels) // width)
-    figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
-                              4.8 if height == 1 else 3.2 * height), layout='constrained')
-    grid = figure.subplots(height, width, sharey=name is not None, sharex=has_third,
+    column_count = max(1, len(thirds) if has_third else len(objectives))
+    row_count = max(1, len(panels) // column_count)
+    figure = Picture(figsize=(2.0 + 4.5 * column_count if column_count < 3 else 3.2 * column_count,
+                              4.8 if row_count == 1 else 3.2 * row_count), layout='constrained')
+    grid = figure.subplots(row_count, column_count, sharey=name is not None, sharex=has_third,
                            squeeze=False)
     for axes, (objective, third, fourth) in zip(grid.flat, panels):
         group = frame[(frame.objective == objective) & (frame.third == third)
@@ -216,7 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add one legend above all axes, with notes; `chosen` is the result of _choose_fields."""
+    """Add a legend with notes above all axes, and height for it; `chosen`: see _choose_fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen
@@ -241,7 +241,7 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
 
 
 def _list_failures(frame: Any, name: str | None) -> list[str]:
-    """Return lines of text: how many missions could not be flown, and at which values of x."""
+    """Return a list of at most one line: how many missions could not be flown, at which x."""
     failed = frame.rate.isna()
     if not failed.any():
         return []
@@ -260,7 +260,7 @@ def _label_field(field: str) -> str:
 
 
 def _label_value(row: Row, field: str | None) -> str:
-    """Return the value of a field in words, with its unit; '' for no field."""
+    """Return the value of a row's field with its unit, 'none' for null, '' for no field."""
     if field is None:
         return ''
     value = row['fields'][field]
@@ -282,14 +282,14 @@ def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
     min(_MOST_LINES, R // 2) values.
     """
     samples = len({row['sample'] for row in rows})
-    counts = {}
+    value_counts = {}
     for name in rows[0]['fields'] if rows else ():
         values = [json.dumps(row['fields'][name]) for row in rows]
         # A field varies if a sample has several of its values; a drawn field has one value.
         if len({*zip((row['sample'] for row in rows), values)}) > samples:
-            counts[name] = len({*values})
-    first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
+            value_counts[name] = len({*values})
+    first = next((name for name, count in value_counts.items() if count <= max(2, len(rows) // 2)
                   and all(type(row['fields'][name]) in (int, float) for row in rows)), None)
-    later = [name for name, count in counts.items() if name != first and first is not None
+    later = [name for name, count in value_counts.items() if name != first and first is not None
              and count <= min(_MOST_LINES, len(rows) // 2)]
     return [first, *later[:3], *[None] * (3 - len(later))]

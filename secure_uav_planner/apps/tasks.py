@@ -56,14 +56,15 @@ class ClusterError(PlanningError, RuntimeError):
 def make_task(mission: Mapping[str, Any], method: str, objective: str,
               settings: Mapping[str, Any], fields: Mapping[str, Any], sample: int = 0) -> Task:
     """
-    Return a task, whose key is a digest of the mission, the scheme and the settings.
+    Return a task, whose key is a digest of the mission, the method, the objective and `settings`.
 
     :param mission: the result of Scenario.to_dict.
     :param method: one of METHODS or BASELINES, or `module:function`.
     :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
         'plans' if the plan is kept; 'assess', the options of an assessment; and whatever else
         changes the result.
-    :param fields: the varied fields by name.
+    :param fields: the varied fields by name, for the results only.
+    :param sample: number of the random draw, for the results only.
     """
     task = {'mission': mission, 'method': method, 'objective': objective, **settings}
     digest = hashlib.sha256(json.dumps(task, sort_keys=True).encode())
@@ -121,7 +122,7 @@ def _make_row(task: Task) -> Row:
 
 
 def _solve_task(task: Task) -> Row:
-    """Plan the mission of a task and return its results by column."""
+    """Plan the mission of a task; return results by column, and 'more' and 'plan' of run_task."""
     scenario = Scenario.from_dict(task['mission'])
     method, objective, limit = task['method'], task['objective'], task['time_limit']
     if method in METHODS:
@@ -130,7 +131,8 @@ def _solve_task(task: Task) -> Row:
         plan = load_scheme(method)(scenario)
         check_plan(plan, scenario)
     else:
-        plan = fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)
+        power = method.rpartition('_')[2]  # The baseline's power, 'constant' or 'optimised'.
+        plan = fly_hover_fly(scenario, power, time_limit=limit)
     results: Row = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
         'promise': scenario.channel.promise, 'status': plan.status,
@@ -216,6 +218,7 @@ def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[R
         queue, submitted = iter(tasks), {}
 
         def submit(count: int) -> list[Any]:
+            """Submit the next tasks, at most `count`, and return their futures."""
             futures = []
             for task in islice(queue, count):
                 # The client's id makes the key unique: a scheduler may still know the tasks of a

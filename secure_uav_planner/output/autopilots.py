@@ -121,7 +121,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     Return the scipy.spatial.transform.Rotation of a quaternion (x, y, z, w).
 
     :param name: name of the quaternion in the error.
-    :raises PoseError: if its length is not 1.
+    :raises PoseError: if its length is not within 0.001 of 1.
     """
     length = math.hypot(*quaternion)
     if not abs(length - 1.0) < 1e-3:
@@ -130,13 +130,13 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
 
 
 def mavros_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
-    """Return mavros_msgs/PositionTarget; MAVROS takes east-north-up in FRAME_LOCAL_NED."""
+    """Return mavros_msgs/PositionTarget; type_mask has the bits of all values that are None."""
     mask = sum(bits for value, bits in (
         (setpoint.velocity, _IGNORE_VELOCITY), (setpoint.acceleration, _IGNORE_ACCELERATION),
         (setpoint.yaw_rate, _IGNORE_YAW_RATE)) if value is None)
     return {'PositionTarget': {
         'header': _header(setpoint),
-        'coordinate_frame': _FRAME_LOCAL_NED,
+        'coordinate_frame': _FRAME_LOCAL_NED,  # MAVROS takes east-north-up in this frame.
         'type_mask': mask,
         'position': _xyz(setpoint.position),
         'velocity': _xyz(setpoint.velocity or _ZERO),
@@ -147,17 +147,17 @@ def mavros_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
 
 
 def px4_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
-    """Return px4_msgs/TrajectorySetpoint, NaN for unknown values, and OffboardControlMode."""
-    timestamp = now_ns // 1000
+    """Return TrajectorySetpoint in north-east-down, NaN for None, and OffboardControlMode."""
+    now_us = now_ns // 1000
     return {
         'OffboardControlMode': {
-            'timestamp': timestamp,
+            'timestamp': now_us,
             'position': True,
             'velocity': setpoint.velocity is not None,
             'acceleration': setpoint.acceleration is not None,
         },
         'TrajectorySetpoint': {
-            'timestamp': timestamp,
+            'timestamp': now_us,
             'position': ned(setpoint.position),
             'velocity': _NAN if setpoint.velocity is None else ned(setpoint.velocity),
             'acceleration': (
@@ -171,7 +171,7 @@ def px4_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
 
 def aerostack2_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     """
-    Return as2_msgs/TrajectorySetpoints with one point.
+    Return as2_msgs/TrajectorySetpoints with one point, without a yaw rate.
 
     :raises OptionError: without a velocity or an acceleration, which the message cannot omit.
     """
@@ -196,7 +196,7 @@ def ros_odometry(message: Any) -> Fields:
 
 def px4_odometry(message: Any) -> Fields:
     """
-    Return the fields of nav_msgs/Odometry for px4_msgs/VehicleOdometry.
+    Convert px4_msgs/VehicleOdometry to fields of nav_msgs/Odometry: pose ENU, twist FLU.
 
     :raises PoseError: for a frame without north, or an invalid orientation.
     """
@@ -271,7 +271,7 @@ class ReferenceSource(NamedTuple):
 
 
 def px4_reference(message: Any) -> Reference:
-    """Read the Reference from px4_msgs/VehicleLocalPosition; raise PoseError if not valid."""
+    """Read the Reference of px4_msgs/VehicleLocalPosition; raise PoseError if flagged invalid."""
     if not (message.xy_valid and message.xy_global):
         raise PoseError(f'xy_valid is {message.xy_valid} and xy_global is {message.xy_global}; '
                         'both must be true')
@@ -280,7 +280,7 @@ def px4_reference(message: Any) -> Reference:
 
 
 def mavros_reference(message: Any) -> Reference:
-    """Read the Reference from geographic_msgs/GeoPointStamped; raise PoseError for metres."""
+    """Read the Reference of geographic_msgs/GeoPointStamped; raise PoseError if it is in m."""
     place = message.position
     if math.hypot(place.latitude, place.longitude, place.altitude) > _EARTH_CENTRED:
         raise PoseError('its position is earth-centred (ECEF) in m, as MAVROS before 2024 sends '
@@ -373,10 +373,11 @@ AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
 def changes(autopilot: str, speed: float,
             acceleration: float) -> tuple[tuple[Parameter, float], ...]:
     """
-    Return the parameters to raise above their defaults for a plan, each with its value.
+    Return (parameter, recommended value) of each parameter that is to be raised for a plan.
 
-    The tuple is empty if every default is at least the parameter's `least`. With a value below
-    `least`, the autopilot cannot follow the plan.
+    The tuple is empty if every default is at least the parameter's `least`. A recommended value
+    is at most the largest allowed one. If it is below `least`, the autopilot cannot follow the
+    plan.
 
     :param autopilot: a name in AUTOPILOTS.
     :param speed: the plan's limit of speed in m/s.

@@ -55,10 +55,11 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """Return (baseline, name without power) of baselines whose paths differ from earlier ones."""
+    """Return (baseline, name of its scheme without power), one for each set of equal paths."""
     distinct = []
     for baseline in baselines:
-        if not any(np.array_equal(baseline.positions, known.positions) for known, _ in distinct):
+        if not any(np.array_equal(baseline.positions, earlier.positions)
+                   for earlier, _ in distinct):
             distinct.append((baseline, scheme_name(baseline.method).partition(', ')[0]))
     return distinct
 
@@ -88,7 +89,7 @@ def add_legend(axes, *entries, **options):
 
 
 def rate_label(plan):
-    """Return the promised rates of a Plan with their names, in a line."""
+    """Return one line with both rates over the promised slots of a Plan, and their caveats."""
     channel = plan.scenario.channel
     caveat = '' if channel.is_guarantee else f' {channel.promise}'
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
@@ -110,7 +111,7 @@ def energy_label(energy):
 
 
 def altitude_label(zone):
-    """Return the forbidden altitudes of a zone, such as 'up to 50 m', '' for all."""
+    """Return the forbidden altitudes of a zone, such as 'up to 50 m', '' if all are."""
     if math.isinf(zone.ceiling):
         return f'above {zone.floor:g} m' if zone.floor > 0 else ''
     return f'{zone.floor:g} to {zone.ceiling:g} m' if zone.floor > 0 else (
@@ -118,11 +119,11 @@ def altitude_label(zone):
 
 
 def label_position(zone):
-    """Return the middle (2,) in m of the zone's convex part with the most room for a name."""
-    def text_width(part):
+    """Return the mean corner (2,) [m] of the zone's convex part with the most room for a name."""
+    def name_width(part):
         width, height = np.ptp(part, axis=0)
-        return min(width, 3 * height)
-    return max(convex_parts(zone.vertices), key=text_width).mean(axis=0)
+        return min(width, 3 * height)  # A name is about three times as wide as high.
+    return max(convex_parts(zone.vertices), key=name_width).mean(axis=0)
 
 
 def is_obstacle(zone, scenario):
@@ -131,7 +132,7 @@ def is_obstacle(zone, scenario):
 
 
 def margin_rings(scenario):
-    """Return the margin around each obstacle and inside the fence as outlines, each (K, 2)."""
+    """Return the strips of the margin, each (K, 2) [m]: around obstacles, and inside the fence."""
     margin = scenario.tracking_margin
     if not margin:
         return []
@@ -149,7 +150,7 @@ def _ring(outer, inner):
 
 
 def list_tracks(scenario, times):
-    """Return name, track (K, 2) in m and colour of each receiver that moves, at times (K,)."""
+    """Return (name, track (K, 2) [m], colour) of each receiver that moves in times (K,) [s]."""
     grounds, centres, _ = scenario.receivers_at(times)
     names = [*node_labels(scenario), *scenario.eavesdropper_names]
     colors = [*(node_color(scenario, index) for index in range(len(grounds))),
@@ -160,7 +161,7 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """Return the discs (time, centre, radius) of each eavesdropper: three if it moves, or one."""
+    """Return each eavesdropper's list of discs (time, centre, radius): 3 if it moves, else 1."""
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
@@ -168,7 +169,7 @@ def shown_discs(scenario):
 
 
 def map_extent(scenario, plans=()):
-    """Return the lower left and the upper right corner of the map of plans, (2, 2) in m."""
+    """Return the map's corners (2, 2) [m], lower left and upper right, with a margin of 7%."""
     _, centres, radii = scenario.receivers
     points = np.concatenate([
         scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),
@@ -179,10 +180,10 @@ def map_extent(scenario, plans=()):
 
 
 def extend_corners(scenario, corners):
-    """Return corners (2, 2) [m] moved out to zones and fence, at most by the larger side each."""
+    """Return corners (2, 2) [m] moved out around zones and fence, by at most the longer side."""
     low, high = np.array(corners)
-    most = (high - low).max()
+    most_shift = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]
     points = np.concatenate([corners, *(zone.vertices for zone in scenario.no_fly_zones), *fences])
-    return np.array([np.maximum(points.min(axis=0), low - most),
-                     np.minimum(points.max(axis=0), high + most)])
+    return np.array([np.maximum(points.min(axis=0), low - most_shift),
+                     np.minimum(points.max(axis=0), high + most_shift)])

@@ -22,7 +22,7 @@ _LEAST_RANGE = 1e-9  # Range of rates [bit/s/Hz] below which the histogram is 1 
 
 @contextmanager
 def own_settings():
-    """Use Matplotlib's defaults, but the user's fonts, which may have more scripts."""
+    """Use Matplotlib's default settings with the user's fonts, which may have more scripts."""
     fonts = {name: rcParams[name] for name in ('font.family', 'font.sans-serif', 'font.serif')}
     with style.context(['default', fonts]), warnings.catch_warnings():
         # A name may be in a script that the font lacks; Matplotlib then draws boxes and warns.
@@ -50,7 +50,7 @@ def save_assessment(assessment, path):
 
 @own_settings()
 def draw_assessment(assessment) -> Picture:
-    """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
+    """Return a Figure: rate and outage of each slot over the draws, and rates of the mission."""
     figure = Picture(figsize=_SIZE, layout='constrained')
     slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
     slots.set_title(
@@ -58,25 +58,25 @@ def draw_assessment(assessment) -> Picture:
         f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} '
         f'{assessment.claim}',
         fontsize=11, loc='left')
-    promise = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}
-    _draw_slots(slots, assessment, promise)
+    promise_style = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}
+    _draw_slots(slots, assessment, promise_style)
     _draw_outages(outages, assessment)
-    _draw_missions(missions, assessment, promise)
+    _draw_missions(missions, assessment, promise_style)
     for axes in (slots, outages, missions):
         style_axes(axes)
         add_legend(axes)
     return figure
 
 
-def _draw_slots(axes, assessment, promise):
-    """Draw the quantiles FAN of the secrecy rate in each slot, and the promised rate."""
+def _draw_slots(axes, assessment, promise_style):
+    """Draw the median and quantiles of each slot's rate over the draws, and its promised rate."""
     edges = assessment.plan.times[1:]
     for low, high, alpha, label in _BANDS:
         axes.stairs(assessment.fan[high], edges, baseline=assessment.fan[low], fill=True,
                     color=RATE, alpha=alpha, linewidth=0, label=label)
     axes.stairs(assessment.fan[2], edges, baseline=None, color=RATE, linewidth=1.8,
                 label='50%')
-    axes.stairs(assessment.promised_rates, edges, baseline=None, **promise)
+    axes.stairs(assessment.promised_rates, edges, baseline=None, **promise_style)
     axes.set_xlim(0, edges[-1])
     axes.set_ylim(bottom=0)
     axes.set_ylabel('secrecy rate of a slot\n(bit/s/Hz)')
@@ -84,7 +84,7 @@ def _draw_slots(axes, assessment, promise):
 
 
 def _draw_outages(axes, assessment):
-    """Draw the outage of each slot, and the promised outage of a guarantee."""
+    """Draw the outage (share of draws) of each slot; with a guarantee, also the promised one."""
     edges = assessment.plan.times[1:]
     axes.stairs(assessment.outages, edges, fill=True, color=EAVESDROPPER, alpha=0.6, label='found')
     if assessment.plan.scenario.channel.is_guarantee:
@@ -96,17 +96,17 @@ def _draw_outages(axes, assessment):
     axes.set_xlabel('time (s)')
 
 
-def _draw_missions(axes, assessment, promise):
-    """Draw the distribution of the mission's secrecy rate, and the promised rate."""
+def _draw_missions(axes, assessment, promise_style):
+    """Draw a histogram of the mission's rates, their 5% and 50% quantiles, the promised rate."""
     rates = assessment.rates
     low, high = rates.min(), rates.max()
-    if high - low < _LEAST_RANGE:
+    if high - low < _LEAST_RANGE:  # All draws have one rate.
         low, high = low - 0.5, low + 0.5
     axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=(low, high),
               color=RATE, alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')
     for share, dash in ((0.05, ':'), (0.5, '-')):
         axes.axvline(assessment.quantile(share), color=RATE, linewidth=1.6, linestyle=dash,
                      label=f'{share:.0%}')
-    axes.axvline(assessment.promised_rate, **promise)
+    axes.axvline(assessment.promised_rate, **promise_style)
     axes.set_xlabel('secrecy rate of the mission (bit/s/Hz)')
     axes.set_ylabel('share of draws')

@@ -44,7 +44,7 @@ def draw_comparison(comparison: Any) -> Picture:
 
 
 def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
-    """Draw the planned paths thin, the flown paths thick, and mark the largest error."""
+    """Draw planned and flown paths, with a cross at the largest error above _LEAST_MARKED_M."""
     flight, plan = comparison.flight, comparison.plan
     set_up_map(axes, extent)
     draw_ground(axes, plan.scenario)
@@ -56,8 +56,8 @@ def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
     largest = np.nan_to_num([errors.error_max_m for errors in comparison.uavs.values()])
     index = int(largest.argmax())
     if largest[index] > _LEAST_MARKED_M:
-        worst = list(comparison.uavs.values())[index].error_max_time_s
-        place = flight.positions[index, int(np.argmin(np.abs(flight.times - worst))), :2]
+        worst_time = list(comparison.uavs.values())[index].error_max_time_s
+        place = flight.positions[index, int(np.argmin(np.abs(flight.times - worst_time))), :2]
         axes.plot(*place, 'x', color=EAVESDROPPER, markersize=8)
         axes.annotate(f'{largest[index]:.1f} m', place, textcoords='offset points', xytext=(6, 6),
                       fontsize=8)
@@ -77,7 +77,7 @@ def _draw_errors(axes: Any, comparison: Any) -> None:
 
 
 def _draw_rates(axes: Any, comparison: Any) -> None:
-    """Draw the rate of each slot as planned and as flown, and mark the broken slots."""
+    """Draw the objective's rate of each slot as planned and as flown; mark broken slots."""
     plan = comparison.plan
     edges = plan.times[1:]
     planned, flown = (rates[plan.objective].sum(axis=0)

@@ -25,7 +25,7 @@ _UAV_ROWS = (
 
 
 def comparison_table(comparison: Any) -> str:
-    """Return the numbers of a Comparison as a page of text."""
+    """Return the results of a Comparison as text: errors by UAV, distances, rates and advice."""
     flight, plan = comparison.flight, comparison.plan
     names = list(comparison.uavs)
     width = max(12, *(len(name) + 2 for name in names))
@@ -42,14 +42,14 @@ def comparison_table(comparison: Any) -> str:
                 f'{value:.2f}' for value in values)))
     lines = [_describe_time(flight), '\n'.join(flight.notes),
              align((8, *[width] * len(names)), rows)]
-    asked = {'separation': f'{plan.scenario.separation:g} m were asked for',
-             'zones': f'tracking_margin is {plan.scenario.tracking_margin:g} m',
-             'fence': f'tracking_margin is {plan.scenario.tracking_margin:g} m'}
-    nouns = {'separation': 'smallest distance of', 'zones': 'smallest distance of',
-             'fence': 'smallest distance to the geofence of'}
+    limits = {'separation': f'{plan.scenario.separation:g} m were asked for',
+              'zones': f'tracking_margin is {plan.scenario.tracking_margin:g} m',
+              'fence': f'tracking_margin is {plan.scenario.tracking_margin:g} m'}
+    labels = {'separation': 'smallest distance of', 'zones': 'smallest distance of',
+              'fence': 'smallest distance to the geofence of'}
     lines += ['\n'.join(
-        f'{nouns[kind]} {closest.names}: {closest.distance:.2f} m at {closest.time:.1f} s '
-        f'({asked[kind]})' for kind in asked
+        f'{labels[kind]} {closest.names}: {closest.distance:.2f} m at {closest.time:.1f} s '
+        f'({limits[kind]})' for kind in limits
         if (closest := getattr(comparison, kind)) is not None)]
     lines.append(_describe_rates(comparison))
     if comparison.advice:
@@ -58,7 +58,7 @@ def comparison_table(comparison: Any) -> str:
 
 
 def _describe_time(flight: Any) -> str:
-    """Describe where the times of a flight are from, and each log's shift."""
+    """Return the source of a flight's times, and each finite shift: log time less plan time."""
     shifts = ', '.join(
         f'{name} {shift.seconds:.2f} s (+-{shift.uncertainty:.2f} s)'
         for name, shift in flight.shifts.items() if math.isfinite(shift.seconds))
@@ -66,7 +66,7 @@ def _describe_time(flight: Any) -> str:
 
 
 def _describe_rates(comparison: Any) -> str:
-    """Return flown beside planned rates, and promised slots with less than planned."""
+    """Return as text: rates and deliveries, broken and uncovered slots, the source of powers."""
     plan = comparison.plan
     rows = [('over covered slots', '', 'planned', 'flown')]
     rows += [(f'{plan.scenario.channel.rate_name(kind)}', 'bit/s/Hz',
@@ -86,9 +86,9 @@ def _describe_rates(comparison: Any) -> str:
         text += (f': {numbers}{", ..." if len(broken) > 10 else ""}; the worst, slot '
                  f'{worst + 1}, had {shortfalls[worst]:.4f} bit/s/Hz less than planned')
     if not comparison.covered.all():
-        edges = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
+        ends = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
         text += '\nnot covered: slots ' + ', '.join(
             f'{first}' if first == after - 1 else f'{first} to {after - 1}'
-            for first, after in edges.reshape(-1, 2).tolist())
+            for first, after in ends.reshape(-1, 2).tolist())
     source = 'set, by the log' if comparison.flight.powers is not None else "the plan's"
     return f'{text}\npowers: {source}'

@@ -21,6 +21,7 @@ def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
     """
     Write paths, receivers, zones and fence of a plan to a GeoJSON file; see Plan.to_geojson.
 
+    :raises OptionError: for a scenario without an origin.
     :raises OSError: when the file cannot be written; an existing file is kept.
     """
     if plan.scenario.origin is None:
@@ -32,7 +33,7 @@ def save_geojson(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def _list_features(plan: Any) -> Iterator[dict[str, Any]]:
-    """Yield the GeoJSON features of a plan: paths, receivers, tracks, zones and fence."""
+    """Yield GeoJSON features: UAVs' paths, nodes, eavesdroppers, tracks, zones and fence."""
     scenario, origin, rows = plan.scenario, plan.scenario.origin, point_rows(plan)
 
     def to_degrees(points: ArrayLike) -> Array:
@@ -95,7 +96,7 @@ def _make_point(points: Array) -> dict[str, Any]:
 
 
 def _cut_ring(ring: Array) -> dict[str, Any]:
-    """Return the geometry of a polygon with corners (longitude, latitude), (L, 2), cut at 180."""
+    """Return a ring (longitude, latitude) as a Polygon, or MultiPolygon if cut at 180 degrees."""
     polygon, parts = shapely.Polygon(ring), []
     west, _, east, _ = polygon.bounds
     for turn in range(_find_turn(west), _find_turn(east) + 1):
@@ -111,26 +112,26 @@ def _cut_ring(ring: Array) -> dict[str, Any]:
 def _cut_line(points: Array, values: Mapping[str, Sequence[float] | None]
               ) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the geometry of a line, cut at the meridian of 180 degrees, and values at its points.
+    Return (geometry, values) of a line: LineString, or MultiLineString if 180 degrees cuts it.
 
-    A line that is cut has a list of values for each part. At a point on the meridian, the power is
-    the one of the slot before, and all other values are interpolated.
+    Longitudes of the result are from -180 to 180. A line that is cut has a list of values for each
+    part. At a cut, `powers` keep the value of the point before; other values are interpolated.
 
     :param points: longitude and latitude of K points, (K, 2) [degrees]; longitudes may exceed 180.
     :param values: lists of K values at the points, by name; None stays None.
     """
     names = [name for name, given in values.items() if given is not None]
-    # A row has longitude, latitude and values; part k is within 180 degrees of 360 * turns[k].
+    # A row has longitude, latitude and values. Longitudes of part k are 360 * turns[k] +- 180.
     rows = np.column_stack([points, *(np.array(values[name], float) for name in names)])
-    held = [2 + names.index(name) for name in names if name == 'powers']
+    power_columns = [2 + names.index(name) for name in names if name == 'powers']
     parts, turns = [[rows[0]]], [_find_turn(rows[0, 0])]
     for before, after in zip(rows[:-1], rows[1:]):
         if (turn := _find_turn(after[0])) != turns[-1]:
             meridian = 360 * max(turn, turns[-1]) - 180
-            cut = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
-            cut[0], cut[held] = meridian, before[held]
-            parts[-1].append(cut)
-            parts.append([cut])
+            crossing = before + (after - before) * (meridian - before[0]) / (after[0] - before[0])
+            crossing[0], crossing[power_columns] = meridian, before[power_columns]
+            parts[-1].append(crossing)
+            parts.append([crossing])
             turns.append(turn)
         parts[-1].append(after)
     columns = [(np.array(part) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()

@@ -43,9 +43,9 @@ class MapLabels:
                  if self._is_free(box)]
         is_far = not boxes and is_needed
         if is_far:
-            near = list(self._list_boxes(size, place, direction, _GAPS + _FAR_GAPS))
-            boxes = [box for box in near if self._is_free(box)][:1] or [
-                min(near, key=self._measure_overlap)] if near else []
+            candidates = list(self._list_boxes(size, place, direction, _GAPS + _FAR_GAPS))
+            boxes = [box for box in candidates if self._is_free(box)][:1] or [
+                min(candidates, key=self._measure_overlap)] if candidates else []
         if not boxes:
             if is_needed:  # The map is smaller than the text.
                 self.keep_inside(artist)

@@ -68,7 +68,7 @@ def draw_paths(axes, plan, extent, baselines=()):
 
 
 def add_plan_legend(axes, plan, **options):
-    """Explain the symbols of the map of a plan; see add_legend."""
+    """Add the legend of a plan's map; a UAV's entry has the line at nine powers, 0 W to peak."""
     levels, uavs = np.linspace(0, 1, 9), plan.scenario.uavs
     peak = max(uav.peak_power for uav in uavs)
     add_map_legend(axes, {
@@ -79,7 +79,7 @@ def add_plan_legend(axes, plan, **options):
 
 
 def label_map(axes, scenario, plan=None, baselines=()):
-    """Write the texts of a map whose size is final: receivers, zones, and times along paths."""
+    """Write the texts of a map whose size is final: zones, eavesdroppers, times along paths."""
     point = point_size(axes)
     paths = () if plan is None else plan.positions
     discs = [shapely.Point(center).buffer(max(radius, 5 * point))
@@ -97,7 +97,7 @@ def label_map(axes, scenario, plan=None, baselines=()):
             labels.add_into(shapely.Polygon(zone.vertices), text, label_position(zone),
                             color='0.25')
     _label_eavesdroppers(labels, scenario)
-    labels.occupied.extend(discs)
+    labels.occupied.extend(discs)  # The texts above may cover discs, later ones not.
     if plan is not None:
         _label_times(axes, labels, plan, [shapely.LineString(path) for baseline in baselines
                                           for path in baseline.positions])
@@ -136,7 +136,7 @@ def _escape(text):
 
 
 def draw_ground(axes, scenario):
-    """Draw the ground nodes, eavesdroppers, zones and fence, with labels for the legend."""
+    """Draw ground nodes, eavesdroppers with discs and tracks, zones and fence, with labels."""
     for index, (node, name) in enumerate(zip(scenario.ground_nodes, node_labels(scenario))):
         axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
                   label=wrap_name(name))
@@ -157,16 +157,16 @@ def draw_ground(axes, scenario):
 
 
 def _draw_tracks(axes, scenario):
-    """Draw the tracks of receivers that move, with an arrow at the end."""
+    """Draw the track of each receiver that moves, with an arrow at its end."""
     for _, track, color in list_tracks(scenario, scenario.times):
         axes.plot(*track.T, color=color, linewidth=1.0, linestyle=_TRACK, zorder=2)
-        moved = np.flatnonzero((track != track[-1]).any(axis=1))[-1]
-        axes.annotate('', track[-1], track[moved], zorder=6,
+        before_end = np.flatnonzero((track != track[-1]).any(axis=1))[-1]
+        axes.annotate('', track[-1], track[before_end], zorder=6,
                       arrowprops={'arrowstyle': '-|>', 'color': color})
 
 
 def draw_ends(axes, index, start, goal):
-    """Draw start and goal of a UAV, with a size by index: several may be at one point."""
+    """Draw start (circle) and goal (square), larger and lower for a later UAV: all are seen."""
     for point, marker in ((start, 'o'), (goal, 's')):
         axes.plot(*point, marker, color='white', markeredgecolor=uav_color(index),
                   markeredgewidth=1.5, markersize=(0.7 + 0.4 * index) * rcParams['font.size'],
@@ -224,10 +224,11 @@ def _is_on_map(axes, place):
 
 def _label_times(axes, labels, plan, baseline_paths):
     """
-    Mark round times along the paths, and write the times beside them.
+    Mark round times along the UAVs' paths, and write the times beside them.
 
-    Marks within _NEAR_MARKS share a label with their first and last time, which is always written.
-    A label of a single time is written only where it covers nothing.
+    Marks nearer than _NEAR_MARKS to the first mark of a group share the label 'first–last s',
+    which is always written. A label of a single time is left out if there is no free room. Labels
+    cover `baseline_paths` only if no other room is free.
     """
     times = plan.times
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
@@ -252,18 +253,18 @@ def _label_times(axes, labels, plan, baseline_paths):
                    baseline_paths, is_needed=length > 0, color=uav_color(index))
 
 
-def _group_marks(places, least):
-    """Return index (first, last) of each run of places within `least` [m] of its first place."""
+def _group_marks(places, distance):
+    """Return (first, last) index of each run of places nearer than `distance` to its first one."""
     groups, first = [], 0
     for last in range(len(places)):
-        if last + 1 == len(places) or np.hypot(*(places[last + 1] - places[first])) >= least:
+        if last + 1 == len(places) or np.hypot(*(places[last + 1] - places[first])) >= distance:
             groups.append((first, last))
             first = last + 1
     return groups
 
 
 def add_map_legend(axes, uav_entries, **options):
-    """Draw the legend of a map: UAVs, as artists by label, then all other symbols."""
+    """Draw a map's legend: `uav_entries` (artists by label), start, goal, labelled artists."""
     entries = {**uav_entries, **{
         name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
         for name, marker in (('start', 'o'), ('goal', 's'))}}

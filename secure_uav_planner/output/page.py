@@ -81,7 +81,7 @@ def save_page(plan, path, baselines=(), comparison=None):
 
 
 def draw_page(plan, baselines=(), comparison=None):
-    """Return the plotly Figure of a plan: map left, charts right, up to _MOST_FRAMES points."""
+    """Return a plotly Figure: map left, charts right, animation of up to _MOST_FRAMES points."""
     content = PlanTraces(plan)
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns')

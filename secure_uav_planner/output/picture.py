@@ -37,7 +37,7 @@ def draw_plan(plan, baselines=(), axes=None, title=True, width=None) -> Picture:
     """
     Return a matplotlib Figure of a plan, as save_picture writes it.
 
-    The parameters are explained at Plan.plot.
+    The parameters are explained at Plan.plot: `axes` to draw into, `width` [inches] for a paper.
     """
     lines = (f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim) if title else ()
     if axes is not None:
@@ -71,7 +71,7 @@ def checked_axes(axes) -> list[Axes] | None:
 
 
 def _draw_parts(axes, plan, baselines, title):
-    """Draw map, powers and rates with legends, one into each of one to three axes."""
+    """Draw map, powers and rates, in this order, into one to three axes; return their figure."""
     draw_map(axes[0], plan, map_extent(plan.scenario, [plan, *baselines]), baselines)
     axes[0].set_title('\n'.join(title), fontsize=_TITLE_SIZE, loc='left')
     if len(axes) > 1:
@@ -99,7 +99,7 @@ def _draw_sheet(plan, baselines, width, title, title_size, has_energies=True, **
 
 @own_settings()
 def draw_scenario(scenario) -> Picture:
-    """Return a matplotlib Figure with the map of a Scenario."""
+    """Return a Figure with the map of a Scenario and a dotted line from each start to its goal."""
     axes = Picture().subplots()
     set_up_map(axes, map_extent(scenario))
     draw_ground(axes, scenario)
@@ -117,7 +117,7 @@ def draw_scenario(scenario) -> Picture:
 
 def draw_powers(axes, plan, has_energies=True, **legend):
     """
-    Draw the power of each slot, and the limits that all UAVs share.
+    Draw the power of each slot, and the peak and average power if it is the same for all UAVs.
 
     :param has_energies: whether the legend has the energy of each UAV.
     :param legend: options of add_legend.
@@ -149,7 +149,7 @@ def draw_powers(axes, plan, has_energies=True, **legend):
 
 
 def draw_rates(axes, plan, baselines=(), **legend):
-    """Draw the guaranteed and worst-case secrecy rate of each slot; `legend` is for add_legend."""
+    """Draw guaranteed and worst-case rates by slot, and baselines' guaranteed rates, in grey."""
     edges = plan.times[1:]
     guaranteed, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), LEGEND_WIDTH))
                          for name in OBJECTIVES)
@@ -177,7 +177,7 @@ def draw_rates(axes, plan, baselines=(), **legend):
 
 
 def _finish_time_axes(axes, plan, label, legend):
-    """Label axes over time, and shade the intervals that are not promised."""
+    """Label and style axes over time, shade the intervals not promised, and add the legend."""
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     for number, (begin, end) in enumerate(plan.promise.gaps):

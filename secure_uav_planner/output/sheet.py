@@ -30,7 +30,7 @@ class Part(NamedTuple):
     add_legend: Callable[..., None]
 
     def fit_legend(self, room):
-        """Make the legend with the most columns within a width `room`, or 1; return its size."""
+        """Make the legend with 4 columns, or fewer to fit `room`; return its size [inches]."""
         for columns in (4, 3, 2, 1):
             self.add_legend(loc='upper left', borderaxespad=0, borderpad=0, ncols=columns)
             size = self._measure(self.axes.get_legend())
@@ -98,8 +98,8 @@ def _place_beside(parts, width, sides, top):
     """
     Return a figure's height, and (box, legend's corner) of each part, charts beside the map.
 
-    The legend of the map is below the map. A box is (x, y, width, height) from the lower left of
-    the figure, and a corner is the upper left one, (x, y).
+    The legend of the map is below the map. A box is (x, y, width, height) of axes, a corner the
+    (x, y) of a legend's upper left, both from the lower left of the figure.
 
     :param width: width of the figure; all lengths are in inches.
     :param sides: width and height of the map in m.
@@ -115,12 +115,12 @@ def _place_beside(parts, width, sides, top):
     legends = [part.fit_legend(chart_width) for part in charts]
     # Height of the right column without its two charts, and height of the higher column.
     without_charts = sum(size[1] for size in legends) + 3 * _GAP + chart_bottom
-    content = max(map_size[1] + bottom + _GAP + legend[1], 2 * _LEAST_CHART + without_charts)
-    height = top + content + _EDGE
+    body_height = max(map_size[1] + bottom + _GAP + legend[1], 2 * _LEAST_CHART + without_charts)
+    height = top + body_height + _EDGE
     map_y = height - top - map_size[1]
     places = [((_EDGE + left, map_y, *map_size), (_EDGE, map_y - bottom - _GAP))]
     return height, places + _stack_charts(
-        legends, chart_x, height - top, chart_width, (content - without_charts) / 2)
+        legends, chart_x, height - top, chart_width, (body_height - without_charts) / 2)
 
 
 def _place_below(parts, width, sides, top):
@@ -128,7 +128,8 @@ def _place_below(parts, width, sides, top):
     Return a figure's height, and (box, legend's corner) of each part, charts below the map.
 
     The legend of the map is at its right if that leaves the map wide enough, otherwise below it. A
-    box is (x, y, width, height) from the lower left of the figure, and a corner the upper left.
+    box is (x, y, width, height) of axes, a corner the (x, y) of a legend's upper left, both from
+    the lower left of the figure.
 
     :param width: width of the figure; all lengths are in inches.
     :param sides: width and height of the map in m.
@@ -148,17 +149,17 @@ def _place_below(parts, width, sides, top):
     if map_room >= _LEAST_MAP_SHARE * min(room, most_height * sides[0] / sides[1]):
         map_size = _fit_map(sides, map_room, most_height)
         map_height = max(map_size[1] + bottom, legend[1])
-        # The legend's corner: from the left edge, and down from the top of the map.
-        corner = left + map_size[0] + 2 * _GAP, max(0.0, (map_size[1] - legend[1]) / 2)
+        # Offset of the legend's corner: from _EDGE to the right, and down from the top of the map.
+        offset = left + map_size[0] + 2 * _GAP, max(0.0, (map_size[1] - legend[1]) / 2)
     else:
         legend = map_part.fit_legend(left + room)
         map_size = _fit_map(sides, room, min(
             most_height, _MOST_HEIGHT - top - bottom - charts_height - 2 * _GAP - legend[1]))
         map_height = map_size[1] + bottom + _GAP + legend[1]
-        corner = 0.0, map_size[1] + bottom + _GAP
+        offset = 0.0, map_size[1] + bottom + _GAP
     map_top = map_height + charts_height + _EDGE
     places = [((_EDGE + left, map_top - map_size[1], *map_size),
-               (_EDGE + corner[0], map_top - corner[1]))]
+               (_EDGE + offset[0], map_top - offset[1]))]
     return top + map_top, places + _stack_charts(
         legends, _EDGE + left, map_top - map_height - _PART_GAP, room, chart_height)
 

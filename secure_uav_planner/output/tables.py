@@ -38,7 +38,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
     has_gaps = any(plan.bound is not None for plan in plans)
-    text = align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
+    text = align((_RATE, _RATE, _TIME, *([_RATE] if has_gaps else [])), rows)
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
@@ -54,10 +54,10 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
 
 
 def _gap_cell(plan: Any) -> str:
-    """Return the gap of a plan to its bound in per cent, rounded up, or 'unknown'."""
+    """Return (bound - rate) / bound of a plan, such as '1.3%', or 'unknown' without a bound."""
     if plan.bound is None:
         return 'unknown'
-    # A bound is rounded up.
+    # A limit that is rounded up, to 0.1%, still holds.
     return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'
 
 
@@ -91,7 +91,7 @@ def assessment_table(assessment: Any) -> str:
 
 
 def _name_slots(assessment: Any) -> str:
-    """Return the slots with the largest outage as text, with first and last time."""
+    """Return the slots with the largest outage as text: the first and the last with its begin."""
     slots = np.flatnonzero(assessment.outages == assessment.outage) + 1
     times = assessment.plan.times[slots]
     if len(slots) == 1:
@@ -160,7 +160,7 @@ def list_columns(plan: Any) -> list[str]:
 
 def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     """
-    Return a row of list_columns for each point of each UAV: the flown position and velocity.
+    Return a row of list_columns for each point of each UAV, with place and velocity by the plan.
 
     With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
     after the last point: the points -1 and N+2. Power, rates and shares hold in the slot that
@@ -173,7 +173,7 @@ def point_rows(plan: Any) -> list[tuple[Any, ...]]:
     padding = (0, 0), (1 + ends, 1 + ends)
     powers = np.pad(plan.powers, padding)
     rates = np.pad([plan.guaranteed_rates, plan.worst_case_rates], padding)
-    shares = np.pad(plan.shares, padding)[:len(plan.shares) if len(plan.shares) > 1 else 0]
+    shares = np.pad(plan.shares if len(plan.shares) > 1 else plan.shares[:0], padding)
     _, centres, radii = scenario.receivers_at(times)
     discs = np.concatenate([centres, radii[..., np.newaxis]], axis=2).swapaxes(0, 1)
     common = np.column_stack([rates.T, discs.reshape(len(times), -1), shares.T]).tolist()

@@ -31,8 +31,9 @@ class PlanTraces:
         scenario = plan.scenario
         self.peak = max(uav.peak_power for uav in scenario.uavs)
         step = scenario.slot_duration
-        # Arrays are over the points 0 to N+1. Power n holds from point n to point n + 1, so that
-        # nothing is delivered before point 1.
+        # All arrays have an entry for each point, 0 to N+1. Slot n lasts from point n to point
+        # n + 1, n = 1..N: power and rate are 0 at the points 0 and N+1, and the bits [bit/Hz]
+        # delivered until a point are 0 at the points 0 and 1.
         self.delivered, self.worst_delivered = (
             step * np.cumsum(np.pad(rates, (2, 0)))
             for rates in (plan.guaranteed_rates, plan.worst_case_rates))
@@ -58,7 +59,7 @@ class PlanTraces:
                 marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
 
     def track_traces(self):
-        """Yield the track of each receiver that moves, with _TRACK_MARKS times along it."""
+        """Yield for each moving receiver its track, and _TRACK_MARKS marks with times along it."""
         plan = self.plan
         marks = np.linspace(0, plan.scenario.slots + 1, _TRACK_MARKS).round().astype(int)
         for index, (name, track, color) in enumerate(list_tracks(plan.scenario, plan.times)):
@@ -79,7 +80,7 @@ class PlanTraces:
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
     def flown_traces(self, comparison):
-        """Yield (trace, chart row or None for the map) of flown paths and achieved rates."""
+        """Yield (trace, chart row or None: map) of flown paths and achieved guaranteed rates."""
         style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
                  'line': {'color': EAVESDROPPER, 'width': 1}}
         for index, path in enumerate(comparison.flight.positions):
@@ -89,7 +90,7 @@ class PlanTraces:
                          line_shape='hv', **style), 2
 
     def baseline_traces(self, baselines):
-        """Yield (trace, chart row or None for the map) of baselines' paths and rates, in grey."""
+        """Yield (trace, chart row or None: map) of distinct paths and all guaranteed rates."""
         drawn = [baseline for baseline, _ in distinct_paths(baselines)]
         for baseline in baselines:
             dash = _PLOTLY_DASHES[scheme_dash(baseline.method)]
@@ -150,7 +151,7 @@ class PlanTraces:
                     'symbol': 'triangle-up', 'size': 14, 'color': node_color(scenario, index)})
 
     def moving_traces(self, point):
-        """Yield (trace, chart row or None for the map) of what moves, at a point of the plan."""
+        """Yield (trace, chart row or None for the map) of what differs by point, at one point."""
         plan, time = self.plan, float(self.plan.times[point])
         if plan.scenario.has_tracks:
             for trace in self._receiver_traces(point):
@@ -175,13 +176,13 @@ class PlanTraces:
             yield _dot(time, float(values[point]), RATE, 'guaranteed'), row
 
     def readout(self, point):
-        """Return the slider's text at a point: time, powers, and rate and delivery so far."""
+        """Return the slider's text at a point: time, powers, rate, mean rate and bits so far."""
         time = float(self.plan.times[point])
-        began = self.plan.scenario.slot_duration
+        first_slot_begin = self.plan.scenario.slot_duration
         watts = ', '.join(
             f'{uav.name} {_power_label(power)}'
             for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
-        mean = self.delivered[point] / (time - began) if point > 1 else 0.0
+        mean = self.delivered[point] / (time - first_slot_begin) if point > 1 else 0.0
         return (f'{time:.1f} s:  {watts};  rate now {self.guaranteed[point]:.2f}, so far '
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
@@ -194,7 +195,7 @@ def power_range(plan):
 
 
 def label_charts(figure, column):
-    """Label the axes of powers, rates and what is delivered in a column of subplots."""
+    """Label the axes of a column of charts: power (logarithmic), rate, delivered bits, by row."""
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
                         row=1, col=column)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero',
