@@ -88,6 +88,7 @@ private:
     // the tolerance. Return the largest formula bound [bit/s/Hz] of the discs left out, or 0.
     double drop_discs(std::size_t begin, std::size_t end) {
         incumbent_ = {INFINITE, 0.0, 0.0};
+        incumbent_disc_ = begin;
         active_.clear();
         for (std::size_t disc = begin; disc < end; ++disc) active_.push_back(disc);
         for (const bool descend : {false, true}) {

@@ -16,7 +16,7 @@ constexpr double FIRST_SHIFT = 1e-12;  // Shift of the diagonal against rounding
 // at once. After ALL_SLOTS failures all slots are made convex.
 constexpr int SINGLE_SLOTS = 3, ALL_SLOTS = 12;
 // Shifts of the diagonal, over its largest entry, that are tried when all slots are convex.
-constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
+constexpr std::array<double, 9> SHIFTS{0.0, 1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6};
 
 // Replace a symmetric matrix A by a positive semidefinite E so that A + E is positive semidefinite.
 void find_modification(double* matrix, int size, double* space);
@@ -435,8 +435,8 @@ private:
             scale = std::max(scale, std::fabs(band[j * height()]));
         for (const double shift : SHIFTS) {
             if (stop) return false;
-            if (factor(0) < 0) return true;
             for (std::ptrdiff_t j = 0; j < slots * V; ++j) band[j * height()] += shift * scale;
+            if (factor(0) < 0) return true;
         }
         return false;
     }
