@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from processes import ROOT
 import pytest
-from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario
+from secure_uav_planner import Eavesdropper, GroundNode, NoFlyZone, Scenario
 from secure_uav_planner.apps.editing import (
     add_member, drag, find_circle, list_handles, remove_member, set_field, to_mission)
 from secure_uav_planner.apps.mission_text import MissionText
@@ -99,6 +99,17 @@ def test_what_is_added_is_off_the_zones_and_can_be_flown(scenario):
     for uav in after.uavs[len(scenario.uavs):]:
         assert min(shapely.Point(end).distance(zone) for zone in zones for end in (
             uav.start, uav.goal)) > 1.0 + after.tracking_margin
+
+
+@pytest.mark.parametrize('nodes', [1, 2])
+def test_no_track_is_left_with_a_single_knot(nodes):
+    cars = tuple(GroundNode(name=f'car {number}', track=EVERYTHING.ground_node_track)
+                 for number in range(nodes))
+    mission = to_mission(replace(PAPER, ground_nodes=cars))
+    for number, handle in enumerate(list_handles(mission)):
+        if 'track' in handle.place:
+            after = Scenario.from_dict(remove_member(mission, number))
+            assert len(after.ground_nodes) == 1
 
 
 # The text of the mission

@@ -260,6 +260,8 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     out, _ = command(*words, tmp_path / 'short.csv', '--json', status=3)
     assert 0.5 < json.loads(out)['coverage'] < 0.7
     command(*words, tmp_path / 'none.csv', status=2)
+    _, err = command(*words, source, '--shift', 'uav1=1,2', 'uav1=3,4', status=2)
+    assert "'uav1=3,4'; it must be UAV=X,Y in m, once for each UAV" in err
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ from nav_msgs.msg import Path
 import pytest
 from ros_client import seconds
 from ros_nodes import wait_for
-from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve
+from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, shortest_duration, solve
 from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
@@ -92,6 +92,17 @@ def test_no_plan_delivers_what_is_refused_without_a_search(scenario):
     plan = solve(scenario)
     if plan.rate > 0:
         check_bits(scenario, plan.rate * scenario.duration)
+
+
+def test_a_mission_that_cannot_be_flown_in_any_time_is_refused_as_by_solve():
+    wall = NoFlyZone(((-900.0, 50.0), (900.0, 50.0), (900.0, 80.0), (-900.0, 80.0)), name='wall')
+    scenario = replace(Scenario.paper(120.0, slots=20), no_fly_zones=(wall,), geofence=(
+        (-800.0, -800.0), (800.0, -800.0), (800.0, 800.0), (-800.0, 800.0)))
+    with pytest.raises(InfeasibleMissionError) as refused:
+        solve(scenario)
+    with pytest.raises(InfeasibleMissionError) as error:
+        shortest_duration(scenario, 250.0)
+    assert str(error.value) == str(refused.value)
 
 
 def test_bits_for_which_no_flight_is_found_are_blamed_and_not_a_line_of_the_file(

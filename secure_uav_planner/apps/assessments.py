@@ -119,13 +119,16 @@ def _parse_logs(words: Sequence[str]) -> Any:
 
 
 def _parse_shifts(words: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Return {UAV: (x, y) [m]} of words UAV=X,Y, the last one of a UAV, or raise OptionError."""
-    shifts = {}
+    """Return {UAV: (x, y) [m]} of words UAV=X,Y, or raise OptionError."""
+    shifts: dict[str, tuple[float, ...]] = {}
     for word in words:
         match = re.fullmatch(r'(.+)=([^,]+),([^,]+)', word)
         try:
             name, *numbers = match.groups() if match else ()
+            if name in shifts:
+                raise ValueError
             shifts[name] = tuple(map(float, numbers))
         except ValueError:
-            raise OptionError(f'--shift has {quote(word)}; it must be UAV=X,Y in m') from None
+            raise OptionError(f'--shift has {quote(word)}; it must be UAV=X,Y in m, once for each '
+                              'UAV') from None
     return shifts

@@ -96,8 +96,8 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
     """
     Yield Handles of each eavesdropper's disc and centre, then of ground nodes.
 
-    A receiver with a track has them for each knot. If an eavesdropper's track has two knots,
-    removing one removes the eavesdropper. A single ground node at rest cannot be removed.
+    A receiver with a track has them for each knot. If a track has two knots, removing one removes
+    the receiver. A single ground node cannot be removed.
     """
     for number, eve in enumerate(mission['eavesdroppers']):
         owner: FieldPath = 'eavesdroppers', number
@@ -116,15 +116,16 @@ def _list_receivers(mission: Mission) -> Iterator[Handle]:
         for number, node in enumerate(mission.get('ground_nodes', ()))] or [
             (('ground_node',), mission['ground_node'])]
     for node_path, node in nodes:
+        removes_node = node_path if len(nodes) > 1 else ()
         knots = node.get('track', ()) if isinstance(node, Mapping) else ()
         for knot, (time, *point) in enumerate(knots):
             path = (*node_path, 'track', knot)
-            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), path, path)
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE, f'{time:g} s'), path,
+                         path if len(knots) > 2 else removes_node)
         if not knots:
             path, point = ((*node_path, 'position'), node['position']) if isinstance(
                 node, Mapping) else (node_path, node)
-            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), path,
-                         node_path if len(nodes) > 1 else ())
+            yield Handle(_draw_point(point, _TRIANGLE, GROUND_NODE), path, removes_node)
 
 
 def _draw_circle(x: float, y: float, radius: float, color: str) -> dict[str, Any]:

@@ -199,7 +199,8 @@ def list_rates(plan: Plan, kept: Plan) -> list[html.Div]:
              ('guaranteed', promise.guaranteed_rate, 'solid'))
     shown = [html.Div([
         html.B(f'{rate:.3f}'), html.I(style={'borderTopStyle': style}),
-        html.Small(f'{channel.rate_name(name)}{promise.text} (bit/s/Hz)')], className='rate')
+        html.Small(f'{channel.rate_name(name)} (bit/s/Hz)' + (promise.text and f'; {promise.text}')
+                   )], className='rate')
         for name, rate, style in rates]
     if plan is not kept:
         difference = round(plan.rate - kept.rate, 2)

@@ -53,7 +53,7 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     :return: a Plan, whose scenario has the duration.
     :raises OptionError: for an unknown objective, or a time limit or bits that are not positive.
     :raises InfeasibleMissionError: with the place ('bits',) when no flight can deliver the bits,
-        when none was found that does, or when none was found that keeps the limits.
+        or when none was found that does; as solve, when no duration could be flown.
     :raises StoppedError: when the search is stopped before a delivering flight was found.
     :raises TimeLimitError: when the time limit is over before a delivering flight was found.
     """
@@ -92,7 +92,7 @@ def check_bits(scenario: Scenario, bits: float) -> None:
         raise InfeasibleMissionError(
             f'bits is {bits:g} bit/Hz; the longest flight, {longest:g} s in slots of '
             f'{scenario.slot_duration:g} s, delivers at most {most:.0f} bit/Hz, straight above '
-            'the ground node at peak power; ask for less, or for longer slots', ('bits',))
+            'a ground node at peak power; ask for less, or for longer slots', ('bits',))
 
 
 class _Search:
@@ -110,6 +110,7 @@ class _Search:
         self._scenario, self._bits, self._objective = scenario, bits, objective
         self._deadline, self._numbers = deadline, count()
         self._tried = scenario.duration
+        self._refusal: ScenarioError | None = None  # Why the last duration tried was refused.
         self.last: Plan | None = None
         self.best: Plan | None = None
         # The start of a UAV in motion is given by two points of its path half a slot before and
@@ -177,6 +178,8 @@ class _Search:
             else:
                 growth = math.sqrt(growth)
             if low >= longest or growth < _LEAST_GROWTH:
+                if self.last is None and self._refusal is not None:
+                    raise self._refusal
                 raise InfeasibleMissionError(
                     f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much',
                     ('bits',))
@@ -195,7 +198,8 @@ class _Search:
             self.last = plan = solve(
                 self._change_duration(duration), on_iteration=self._report, initial=self.last,
                 time_limit=self._time_left, objective=self._objective)
-        except ScenarioError:
+        except ScenarioError as error:
+            self._refusal = error
             return None
         if _count_bits(plan) >= self._bits:
             self.best = plan
