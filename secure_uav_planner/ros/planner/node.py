@@ -155,8 +155,8 @@ class Planner(WorkingNode):
         """
         End the promise of the last plan if its flight has not begun, because the clock jumped.
 
-        The plan's receivers are predicted for times of the clock before the jump. A flight that has
-        begun becomes early or late, and so its promise ends by itself. The last call is marked as
+        That plan's receivers are predicted for the clock before the jump. A flight that has begun
+        becomes early or late, and so its promise ends by itself. The last call is marked as
         jumped. The followers' reports are forgotten if the clock was set back.
         """
         self._call.has_jumped = True
@@ -262,7 +262,7 @@ class Planner(WorkingNode):
         self._publish_status()
 
     def _flight(self, now: float) -> Flight | None:
-        """Return the flight that a new plan continues, or None without a follower's reports."""
+        """Return the flight that a new plan continues, or None if no follower reports now."""
         flight = self._tracking.flight(now)
         return flight if flight is not None and flight.is_reported else None
 
@@ -314,7 +314,7 @@ class Planner(WorkingNode):
                         'the replan was cancelled')
 
     def _keep_ended(self, plan: Plan) -> None:
-        """Keep a plan whose promise has ended, if it is the last one."""
+        """Keep and save a plan whose promise has ended, if it is the last plan."""
         if self._state.plan is not None and plan.identity == self._state.plan.identity:
             self._state.plan = plan
             self._save(plan)

@@ -174,13 +174,13 @@ class PlanTracking:
         return ended
 
     def is_waiting(self, plan: Plan, now: float) -> bool:
-        """Return True if a plan has not begun to be flown."""
+        """Return True if the flight of a plan is not reported, or waits at its start."""
         flight = self.flight(now)
         return flight is None or flight.state == 'waiting' or (
             flight.playback.plan.start_ns != plan.start_ns)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
-        """Return True if the promise of a flight ends within `ahead` s of the plan's time."""
+        """Return True if a flight's promise ends less than `ahead` s of plan time from now."""
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
@@ -202,7 +202,7 @@ class PlanTracking:
     # Time
 
     def is_steady(self, now: float) -> bool:
-        """Return False while a follower slows down or speeds up."""
+        """Return False while a follower slows down or speeds up, and True while it is silent."""
         return not self._reports or not self._reports.is_current(round(now * 1e9)) or (
             self._reports.is_steady())
 
@@ -218,7 +218,7 @@ class PlanTracking:
         return self._reports is not None and self._reports.has_time_scale
 
     def unknown_plan(self, now: float) -> str | None:
-        """Return the identity of a plan in flight that is not of this planner, or None."""
+        """Return the identity of a reported plan that this planner lacks, or None."""
         unknown = self._unknown
         return unknown.identity if unknown and (
             0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
@@ -419,7 +419,7 @@ class PlanTracking:
 
 
 def start_of(plan: Plan) -> int:
-    """Return the time of point 0 in ns of a plan of the planner, which has one."""
+    """Return the time of point 0 [ns] of a plan that has one, as any plan of the planner."""
     assert plan.start_ns is not None
     return plan.start_ns
 

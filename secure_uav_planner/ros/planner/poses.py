@@ -64,7 +64,7 @@ class KnownPose:
         return max(0.0, now - self.time)
 
     def radius(self, name: str, settings: PlannerSettings) -> float:
-        """Error radius [m] of an eavesdropper's estimate; without covariance, the parameter."""
+        """Error radius [m] of an eavesdropper; without a covariance above 0, the parameter."""
         if self.covariance is None or not self.covariance.any():
             return settings.eavesdroppers[name].error_radius
         return error_radius(self.covariance, settings.confidence)

@@ -174,7 +174,7 @@ class Replanning:
         return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)
 
     def is_period_over(self, _: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the last plan is older than replan_period, or the clock jumped back."""
+        """Return True if no plan or replan was in the last replan_period; False if this is 0."""
         period = settings.replan_period
         return period > 0 and not 0 <= now - self._last_planned < period
 
@@ -200,7 +200,7 @@ class Replanning:
                          max(flight.time, self._updated_from), distance)
 
     def is_uav_released(self, flight: Flight, settings: PlannerSettings, _: float) -> bool:
-        """Return True if a relay that stopped a UAV at the last replan stops it no more."""
+        """Return True if, in flight, a relay no longer stops a UAV that it stopped at a replan."""
         return settings.replan_deviation > 0 and flight.state == 'flying' and bool(
             self._stopped - self._find_stopped(settings))
 
@@ -259,11 +259,11 @@ class Replanning:
         self._last_planned, self._has_failed, self._updated_from = now, False, updated_from
 
     def note_failure(self, rule: Rule) -> None:
-        """Note that the remainder was not planned again by a rule."""
+        """Note that a replan failed; a failure by a rule with must_meet does not count as one."""
         self._has_failed = not rule.must_meet
 
     def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:
-        """Return the names of the UAVs with a pose to plan from that their relays stop."""
+        """Return the names of the UAVs with use_pose that their relays stop."""
         return self._tracking.find_stopped(
             name for name, uav in settings.uavs.items() if uav.use_pose)
 

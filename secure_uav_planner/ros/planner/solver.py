@@ -72,7 +72,7 @@ class Job:
         return plan
 
     def prove_bound(self, plan: Plan) -> Bound:
-        """Prove the bound of a plan."""
+        """Return a proved upper bound of the rates of all plans for the mission of `plan`."""
         return upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                            on_progress=lambda _: self.stop.is_set())
 

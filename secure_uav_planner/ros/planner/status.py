@@ -58,13 +58,13 @@ class State:
                               self.prefix + plan_summary(plan, self.bound))
 
     def keep_requested(self, plan: Plan, prefix: str = '') -> None:
-        """Make a plan by request the last one."""
+        """Make a requested plan the last plan, whose summary follows `prefix`, and count it."""
         self._keep(plan, is_replan=False)
         self.plans += 1
         self.prefix = prefix
 
     def keep_restored(self, plan: Plan) -> None:
-        """Make the plan of the plan file the last one."""
+        """Make the plan of the plan file the last plan, and count it as requested."""
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
