@@ -253,7 +253,7 @@ class Planner(WorkingNode):
 
     def _start(self, work: Callable[[Job], Any], finish: Callable[[Result], None], cancelled: str
                ) -> None:
-        """Start a solve; when it ends, call `finish`, then start to prove the last bound."""
+        """Start a solve; when it ends, call `finish` and begin to prove the last plan's bound."""
         def then(result: Result) -> None:
             finish(result)
             self._prove_bound()
@@ -377,7 +377,7 @@ class Planner(WorkingNode):
         return outcome.text
 
     def _prove_bound(self) -> None:
-        """Start proving the last plan's bound if it has none, bound is 'after' and no job runs."""
+        """With `bound` 'after' and an idle solver, prove the last plan's bound if it has none."""
         plan = self._state.plan
         if (self._settings.bound != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):

@@ -363,7 +363,7 @@ def error_radius(covariance: Array, confidence: float) -> float:
 
 
 def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
-    """Raise a PoseError if the error radius of x, y exceeds RADIUS.high, of velocity MAX_SPEED."""
+    """Raise a PoseError if the error radius of the position or of the velocity is too large."""
     for covariance, name, most, unit in (
             (pose.covariance, 'x and y', RADIUS.high, 'm'),
             (pose.velocity_covariance, 'the velocity', MAX_SPEED, 'm/s')):

@@ -132,7 +132,7 @@ class Remainder(NamedTuple):
                                self.settings.track_tolerance, self.updated)
 
     def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
-        """Raise a SupersededError for a newer plan; a LateError after a pause, or if too late."""
+        """Raise SupersededError unless `plan` is flown; LateError after a pause or if too late."""
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
@@ -259,7 +259,7 @@ class Replanning:
         self._last_planned, self._has_failed, self._updated_from = now, False, updated_from
 
     def note_failure(self, rule: Rule) -> None:
-        """Note that a replan failed; a failure by a rule with must_meet does not count as one."""
+        """Note that a replan failed, which counts only if its rule is without must_meet."""
         self._has_failed = not rule.must_meet
 
     def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:

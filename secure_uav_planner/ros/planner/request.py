@@ -74,7 +74,7 @@ class StartTime:
     @classmethod
     def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
-        """Return the StartTime of a request; while flying, `ahead` is at least replan_lead."""
+        """Return the StartTime by start_delay; while flying, `ahead` is at least replan_lead."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay

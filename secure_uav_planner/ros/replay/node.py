@@ -296,7 +296,7 @@ class Replay(WorkingNode):
 
     def _update_silence(self, now_ns: int) -> bool:
         """
-        Return True if no UAV may send power, because find_lost finds one during the flight.
+        Return True if no UAV may send power, because find_lost finds a lost UAV in the flight.
 
         If it finds other UAVs than at the last call, this is logged.
         """
