@@ -161,7 +161,11 @@ class PoseBook:
         self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
-        """Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before."""
+        """
+        Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before.
+
+        A pose without velocity and covariance gets a velocity by _estimate_velocity.
+        """
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.
