@@ -140,8 +140,7 @@ class PlanTracking:
         """
         Return the delay [s] of a flight, at a report, behind its promise's schedule; < 0 if early.
 
-        :param times_ns: the report: (time of the clock, start_ns + time of the plan) in ns. None
-            for the last one.
+        :param times_ns: a report, (clock's time, start_ns + plan's time) in ns; None for the last.
         """
         clock_ns, plan_ns = times_ns or (self._followed.last_ns, self._followed.plan_ns)
         start_ns = start_of(flight.playback.plan)
