@@ -155,9 +155,9 @@ class Planner(WorkingNode):
         """
         End the promise of the last plan if its flight has not begun, because the clock jumped.
 
-        Its receivers are predicted for times of the clock before the jump. A flight that is under
-        way becomes early or late, and so its promise ends by itself. A request that waits for an
-        answer is marked. The followers' reports are forgotten if the clock was set back.
+        That plan's receivers are predicted for the clock before the jump. A flight that has begun
+        becomes early or late, and so its promise ends by itself. The last call is marked as
+        jumped. The followers' reports are forgotten if the clock was set back.
         """
         self._call.has_jumped = True
         plan = self._state.plan
@@ -175,7 +175,7 @@ class Planner(WorkingNode):
     # Planning on request
 
     async def _on_plan(self) -> tuple[bool, str]:
-        """Return the answer (success, text) to a call; a second call at a time is refused."""
+        """Return the answer (success, text) to a call; refuse it while another is unanswered."""
         if self._call.state != 'answered':
             busy = BusyError('a solve is under way')
             self._refuse(busy)
@@ -222,7 +222,7 @@ class Planner(WorkingNode):
         """Publish the plan of a request, or refuse it, and answer its call."""
         try:
             plan, outgoing = result()
-            if request.is_outlasted_by(plan):  # Its receivers are predicted again.
+            if request.is_outlasted_by(plan):  # Predict the receivers again, and answer later.
                 self._solve(request.predict_again(plan, self._poses, self._now_ns()))
                 return
             now_ns = self._now_ns()
@@ -233,7 +233,7 @@ class Planner(WorkingNode):
             self._tracking.check_steady(now)
             request.check_flight(self._flight(now), now)
             self._state.keep_requested(plan)
-            self._local_frames.moves.clear()
+            self._local_frames.moves.clear()  # They are no problem of the new plan.
             self._publish_plan(plan, outgoing)
             self._save(plan)
             text = self._log_outcome()
@@ -253,7 +253,7 @@ class Planner(WorkingNode):
 
     def _start(self, work: Callable[[Job], Any], finish: Callable[[Result], None], cancelled: str
                ) -> None:
-        """Start a solve, and after it the proof of the last plan's bound."""
+        """Start a solve; when it ends, call `finish` and begin to prove the last plan's bound."""
         def then(result: Result) -> None:
             finish(result)
             self._prove_bound()
@@ -262,7 +262,7 @@ class Planner(WorkingNode):
         self._publish_status()
 
     def _flight(self, now: float) -> Flight | None:
-        """Return the flight that a new plan continues, or None without a follower's reports."""
+        """Return the flight that a new plan continues, or None if no follower reports now."""
         flight = self._tracking.flight(now)
         return flight if flight is not None and flight.is_reported else None
 
@@ -314,7 +314,7 @@ class Planner(WorkingNode):
                         'the replan was cancelled')
 
     def _keep_ended(self, plan: Plan) -> None:
-        """Keep a plan whose promise has ended, if it is the last one."""
+        """Keep and save a plan whose promise has ended, if it is the last plan."""
         if self._state.plan is not None and plan.identity == self._state.plan.identity:
             self._state.plan = plan
             self._save(plan)
@@ -331,7 +331,7 @@ class Planner(WorkingNode):
             return
         # A plan with the last plan's identity is published too: its receivers have moved.
         is_new = self._state.keep_replan(plan)
-        self._local_frames.moves.clear()
+        self._local_frames.moves.clear()  # They are no problem of the new plan.
         self._publish_plan(plan, outgoing, begin)
         self._save(plan)
         if is_new:
@@ -350,7 +350,7 @@ class Planner(WorkingNode):
             self._state.keep_restored(plan)
             self._publish_plan(plan, outgoing)
             self._log_outcome()
-            self._discovery_deadline = time.monotonic() + _DISCOVERY
+            self._discovery_deadline = time.monotonic() + _DISCOVERY  # ~/plan may wait till then.
         except Exception as error:
             describe = brief if isinstance(error, (PlanningError, OSError)) else describe_error
             self.get_logger().warning(f'plan_file: {describe(error)}; it is not published')

@@ -54,7 +54,7 @@ class PlanTracking:
         """Forget the reports of followers: when the clock is set back they are of another time."""
         self._reports: FollowerReports | None = None
         self._unknown: FollowerReports | None = None  # About a plan that this planner lacks.
-        self._ignored: tuple[str, float] | None = None  # Another follower; its last report [s].
+        self._ignored: tuple[str, float] | None = None  # Name and last report [s] of another one.
         self._last_arrival = -math.inf, 0.0  # Arrival [s] of the last report, and its age then.
 
     def add_plan(self, plan: Plan, now: float) -> None:
@@ -70,10 +70,10 @@ class PlanTracking:
 
     def add_report(self, message: TimeReference, now: float) -> None:
         """
-        Use a follower's report of its plan's time, which arrived at a time of the clock [s].
+        Use a follower's report of its plan's time, which arrived at the clock's time `now` [s].
 
-        A report on an untracked plan only tells that such a plan is flown. A second follower is
-        ignored until the first is silent, or until the second alone is flying or held.
+        A report on an untracked plan is only kept as _unknown. A second follower is ignored until
+        the first has been silent for SILENCE, or until the second alone is flying or held.
         """
         clock_ns, plan_ns = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock_ns * 1e-9
@@ -138,9 +138,9 @@ class PlanTracking:
 
     def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
         """
-        Return the delay [s] of a flight behind the schedule of its promise; negative if early.
+        Return the delay [s] of a flight, at a report, behind its promise's schedule; < 0 if early.
 
-        :param times_ns: a report: (time of the clock, time of the plan) in ns. None for the last.
+        :param times_ns: a report, (clock's time, start_ns + plan's time) in ns; None for the last.
         """
         clock_ns, plan_ns = times_ns or (self._followed.last_ns, self._followed.plan_ns)
         start_ns = start_of(flight.playback.plan)
@@ -173,17 +173,17 @@ class PlanTracking:
         return ended
 
     def is_waiting(self, plan: Plan, now: float) -> bool:
-        """Return True if a plan has not begun to be flown."""
+        """Return True if the flight of a plan is not reported, or waits at its start."""
         flight = self.flight(now)
         return flight is None or flight.state == 'waiting' or (
             flight.playback.plan.start_ns != plan.start_ns)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
-        """Return True if the promise of a flight ends within `ahead` s of the plan's time."""
+        """Return True if a flight's promise ends less than `ahead` s of plan time from now."""
         return _promise_end(flight.playback.plan) < flight.time + ahead
 
     def _promise_problems(self, flight: Flight) -> list[str]:
-        """Return in words why the promise of a flight has ended, or the present gap in it."""
+        """Return at most one text: why the promise of a flight has ended, or the present gap."""
         plan, end = flight.playback.plan, _promise_end(flight.playback.plan)
         if flight.state == 'ended':
             return []
@@ -201,7 +201,7 @@ class PlanTracking:
     # Time
 
     def is_steady(self, now: float) -> bool:
-        """Return False while a follower slows down or speeds up."""
+        """Return False while a follower slows down or speeds up, and True while it is silent."""
         return not self._reports or not self._reports.is_current(round(now * 1e9)) or (
             self._reports.is_steady())
 
@@ -217,13 +217,13 @@ class PlanTracking:
         return self._reports is not None and self._reports.has_time_scale
 
     def unknown_plan(self, now: float) -> str | None:
-        """Return the identity of a plan in flight that is not of this planner, or None."""
+        """Return the identity of a reported plan that this planner lacks, or None."""
         unknown = self._unknown
         return unknown.identity if unknown and (
             0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
 
     def check_known(self, now: float) -> None:
-        """Raise a SupersededError while a follower flies, not holds, a plan unknown here."""
+        """Raise a SupersededError while a plan unknown here is flown; a held one is no error."""
         unknown = self._unknown
         _, time_scale = unknown.at(round(now * 1e9), 0) if unknown else (0.0, 0.0)
         if unknown and self.unknown_plan(now) and time_scale > 0:
@@ -257,7 +257,8 @@ class PlanTracking:
         """
         Return the state of each UAV to plan from; None if unknown or if use_pose is false.
 
-        A state `is_held` if the UAV's relay stops it, or if the UAV does not return to its plan.
+        In a flight, a state `is_held` if the UAV's relay stops it, or if the UAV stands or brakes
+        instead of returning to its plan.
         """
         states = [self._state(name, flight, settings, now) if uav.use_pose else None
                   for name, uav in settings.uavs.items()]
@@ -270,9 +271,9 @@ class PlanTracking:
         """
         Return the state of a UAV by its usable pose, or None.
 
-        With a flight, the state's time [s] counts from point 0 of the plan, and its velocity is
-        the measured one divided by the playback speed; None while the flight is held. Without a
-        flight, the time is the clock's. A pose from before the first report of a flight that has
+        With a flight, the state's time [s] counts from point 0 of the plan. The state's velocity
+        is the measured one divided by the playback speed, or None if this is 0. Without a flight,
+        the time is the clock's. A pose from before the first kept report of a flight that has
         begun gives no state, because the plan's time at this pose is unknown.
         """
         pose = self._poses.usable_pose(name, settings, now)
@@ -304,7 +305,7 @@ class PlanTracking:
 
     def _offsets(self, flight: Flight | None, settings: PlannerSettings, now: float
                  ) -> dict[str, Array]:
-        """Return measured minus planned position (x, y) [m] of each UAV with a state, by name."""
+        """Return measured minus planned position [m] of each UAV whose state is known, by name."""
         if flight is None:
             return {}
         states = {name: self._state(name, flight, settings, now)
@@ -321,7 +322,7 @@ class PlanTracking:
     def predict_distances(self, settings: PlannerSettings, now: float, ahead: float
                           ) -> dict[str, float]:
         """
-        Return the distance [m] of each UAV with a state from its plan, by name.
+        Return the distance [m] from its plan of each UAV whose state is known, by name.
 
         It is the distance at the measurement. For a UAV that its relay stops, it is the distance
         `ahead` s from now, between where the UAV stands or brakes and where its plan is then.
@@ -417,7 +418,7 @@ class PlanTracking:
 
 
 def start_of(plan: Plan) -> int:
-    """Return the time of point 0 in ns of a plan of the planner, which has one."""
+    """Return the time of point 0 [ns] of a plan that has one, as any plan of the planner."""
     assert plan.start_ns is not None
     return plan.start_ns
 

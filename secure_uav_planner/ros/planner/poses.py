@@ -64,7 +64,7 @@ class KnownPose:
         return max(0.0, now - self.time)
 
     def radius(self, name: str, settings: PlannerSettings) -> float:
-        """Error radius [m] of an eavesdropper's estimate; without covariance, the parameter."""
+        """Error radius [m] of an eavesdropper; without a covariance above 0, the parameter."""
         if self.covariance is None or not self.covariance.any():
             return settings.eavesdroppers[name].error_radius
         return error_radius(self.covariance, settings.confidence)
@@ -110,11 +110,13 @@ class PoseBook:
     def take(self, topic: str, message: Message, settings: PlannerSettings, now: float,
              most_lag: float = 0.0) -> str:
         """
-        Read a pose from a topic, and keep it unless a newer pose arrived in the last 10 s.
+        Keep the pose in a message, unless a newer pose arrived in the last 10 s.
+
+        It is transformed to settings.frame_id, and a UAV's pose also from the UAV's local frame.
 
         :param most_lag: largest lag [s] of the node's clock. A stamp that is less than most_lag
-            ahead of `now` is taken as the time of the reception.
-        :return: the warning of _note_motion, or an empty string.
+            ahead of `now` also becomes the time of the reception.
+        :return: a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
         :raises PoseError: if the pose cannot be used. The last valid pose is then kept, and the
             error is noted as the topic's refusal.
         """
@@ -138,11 +140,11 @@ class PoseBook:
 
     def follow_clock(self, now: float, longest: float = math.inf) -> None:
         """
-        Note the clock's time [s]; after a jump, discard the poses from before it and call on_jump.
+        Note the clock's time [s]; after a jump, put earlier poses out of use and call on_jump.
 
-        A clock that goes back by more than _LEAST_JUMP has jumped: all poses are deleted. A clock
-        that goes ahead by more than `longest` has jumped: poses measured before now - longest are
-        kept but not used.
+        A clock more than _LEAST_JUMP behind its latest time was set back: all poses and refusals
+        are deleted. A clock more than `longest` ahead of its latest time jumped ahead: poses
+        measured before now - longest are kept and not used.
 
         :param longest: longest step [s] since the last call that is not a jump ahead.
         """
@@ -159,7 +161,11 @@ class PoseBook:
         self.on_jump(before, now)
 
     def _keep(self, topic: str, pose: KnownPose) -> None:
-        """Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before."""
+        """
+        Keep a topic's pose, unless a newer one came less than _KEPT_BEFORE_OLDER [s] before.
+
+        A pose without velocity and covariance gets a velocity by _estimate_velocity.
+        """
         last = self._poses.get(topic)
         if last is not None and last.frame_id != pose.frame_id:
             self._recent.pop(topic, None)  # Positions in another frame are of no use.
@@ -174,10 +180,10 @@ class PoseBook:
 
     def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
         """
-        Return the mean velocity (x, y) [m/s] since the oldest kept position, and keep this one.
+        Return the mean velocity (x, y) [m/s] from the oldest kept position to `place`, or None.
 
-        Positions are kept for _LONGEST_BASE [s], at least _LEAST_SPACING [s] apart. The velocity
-        is None if the oldest one is less than _SHORTEST_BASE [s] older.
+        Positions are kept for _LONGEST_BASE [s], at least _LEAST_SPACING [s] apart, `place` too.
+        The velocity is None if no kept position is at least _SHORTEST_BASE [s] older than `stamp`.
         """
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
@@ -192,8 +198,9 @@ class PoseBook:
         """
         Return a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
 
-        It has moved if the discs of _OUTSIDE poses in a row on its pose topic do not meet the disc
-        of the first pose. It is not checked while its odometry is used.
+        It has moved if the error discs of _OUTSIDE poses in a row on its pose topic do not meet
+        the disc of the first pose. Poses that came less than _LEAST_COMPARED [s] after a compared
+        one, or that are not used because odometry is, are not compared.
         """
         odometry, pose_topic = member_topics(name)
         pose = self._poses[topic]
@@ -219,7 +226,7 @@ class PoseBook:
         return self._poses.get(topic)
 
     def ages(self, settings: PlannerSettings, now: float) -> dict[str, float]:
-        """Return the age [s] of the last pose of each member's topics; NaN before the first."""
+        """Return the age [s] of the last pose by topic of receivers and UAVs; NaN without one."""
         poses = {topic: self._poses.get(topic) for name in (*settings.receivers, *settings.uavs)
                  for topic in member_topics(name)}
         return {topic: math.nan if pose is None else pose.age(now)
@@ -228,7 +235,7 @@ class PoseBook:
     def usable_pose(self, name: str, settings: PlannerSettings, now: float
                     ) -> KnownPose | None:
         """
-        Return the usable pose of a UAV or receiver, or None.
+        Return the usable pose of a UAV or receiver by its odometry or its pose topic, or None.
 
         Odometry is preferred unless it is more than _ODOMETRY_LAG [s] older than the other pose.
         """
@@ -248,10 +255,10 @@ class PoseBook:
     def problems(self, settings: PlannerSettings, now: float, with_uavs: bool = True
                  ) -> list[PoseError]:
         """
-        Return the errors of the topics of each member without a usable pose.
+        Return why receivers, and UAVs if `with_uavs`, have no usable pose: errors of their topics.
 
-        A receiver with a track in the mission file needs no pose. A UAV needs one that is good
-        only with use_pose, and only its first error is returned.
+        A receiver with a track in the mission file has no error. A UAV has at most one error, and
+        none without use_pose or before its first pose has come.
         """
         problems = []
         for name in settings.receivers:
@@ -266,7 +273,7 @@ class PoseBook:
         return problems
 
     def _reasons(self, name: str, settings: PlannerSettings, now: float) -> list[PoseError]:
-        """Return the problems of a member's topics that had messages; if none, of its pose's."""
+        """Return errors of a receiver's or UAV's topics with messages; if none, of its pose's."""
         topics = member_topics(name)
         heard = [topic for topic in topics if topic in self._poses or topic in self._refusals]
         problems = (self.problem(topic, settings, now) for topic in heard or topics[1:])
@@ -277,7 +284,8 @@ class PoseBook:
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
         A receiver must have a pose, with |z| at most height_tolerance. A topic of a UAV on which
-        no pose has come has no problem.
+        no pose has come has no problem. A refused pose is a problem only if no valid one in the
+        frame frame_id came before it.
         """
         is_receiver = topic.partition('/')[0] not in settings.uavs
         frame_id, timeout = settings.frame_id, settings.pose_timeout
@@ -313,9 +321,10 @@ class PoseBook:
 def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiver: bool
               ) -> KnownPose:
     """
-    Return the pose in a message that arrives now, with the covariances of a receiver.
+    Return the pose in a message that arrives at the clock's time `now` [s].
 
-    A pose without a stamp is measured when it arrives.
+    A pose without a stamp is measured when it arrives. Odometry has a velocity and, only of a
+    receiver, covariances of position and velocity.
 
     :raises PoseError: if it cannot be used.
     """
@@ -358,7 +367,7 @@ def error_radius(covariance: Array, confidence: float) -> float:
 
 
 def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
-    """Raise a PoseError if a covariance gives a radius with which no mission can be planned."""
+    """Raise a PoseError if the error radius of the position or of the velocity is too large."""
     for covariance, name, most, unit in (
             (pose.covariance, 'x and y', RADIUS.high, 'm'),
             (pose.velocity_covariance, 'the velocity', MAX_SPEED, 'm/s')):
@@ -372,7 +381,7 @@ def _check_sizes(pose: KnownPose, settings: PlannerSettings) -> None:
 
 
 def _check_range(vector: Any, name: str, allowed: Number) -> None:
-    """Raise a PoseError, with the name, unless x, y and z are within the allowed range."""
+    """Raise a PoseError that names the vector unless |x|, |y| and |z| are <= allowed.high."""
     most, unit = allowed.high, allowed.unit
     for axis in 'xyz':
         value = getattr(vector, axis)
@@ -408,7 +417,7 @@ def _horizontal_covariance(values: Any, name: str) -> Array:
 
     The other 32 values are not read, so they may be -1 where nothing is measured.
 
-    :raises PoseError: unless they are finite, symmetric and positive semidefinite.
+    :raises PoseError: unless the four are finite, symmetric and positive semidefinite.
     """
     matrix = np.array(values, dtype=float).reshape(6, 6)[:2, :2]
     is_valid = bool(np.isfinite(matrix).all() and (np.diag(matrix) >= 0).all())

@@ -57,9 +57,10 @@ class Receivers(NamedTuple):
 def predict_receivers(settings: PlannerSettings, poses: PoseBook, now: float, clock: PlanClock,
                       end: float) -> Receivers:
     """
-    Return the Receivers, predicted until _horizon from now or until `end`, whichever is earlier.
+    Return the Receivers, predicted for the time _horizon or until `end`, whichever is earlier.
 
-    A receiver starts at its usable pose. Without one, it moves on its track in the mission file.
+    The horizon begins at the later of `now` and clock.clock. A receiver starts at its usable pose.
+    Without one, it moves on its track in the mission file, which it must have.
 
     :param now: time of the clock [s].
     :param clock: clock of the plan that converts to its time; its time_scale is not 0.
@@ -121,8 +122,9 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     """
     Return the track of a receiver from its measurement until a time of the clock [s].
 
-    The track has two knots: (time [s] from point 0, x, y, radius [m]). It is None for a receiver
-    that stands: one without max_speed and without a velocity that has a covariance.
+    The track has two knots: (time [s] from point 0, x, y, radius [m]). It lasts at least
+    _SHORTEST_TRACK, unless its radius reaches RADIUS.high earlier. It is None for a receiver that
+    stands: one without max_speed and without a velocity that has a covariance.
 
     With a max_speed the receiver may go anywhere from its measured place at max_speed. If its
     measured speed is larger, it may do so at this speed plus the error of the velocity. Without a
@@ -151,9 +153,9 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
     Return True if a receiver is not where a plan expects it at a time [s] from point 0.
 
     A receiver has moved if it is farther than `distance` [m] from there. An eavesdropper has also
-    moved if it has a track and its centre is outside of its expected disc, or if its radius
-    differs by more than 0.1 * distance. With a track only a larger radius counts, because a new
-    prediction starts with a small one. A `distance` of 0 allows any distance and any radius.
+    moved if it has a track in `now` and its centre is outside of its expected disc, or if its
+    radius differs by more than 0.1 * distance. With a track only a larger radius counts, because a
+    new prediction starts with a small one. A `distance` of 0 allows any distance and any radius.
 
     :param before: the scenario of the plan.
     :param now: the same scenario with the present receivers.

@@ -94,7 +94,7 @@ class Remainder(NamedTuple):
         return lead - min(_RESERVE_S, lead / 2)
 
     def solve(self, job: Job) -> Replanned:
-        """Return the remainder, planned again; called in the solver's thread."""
+        """Return the whole plan with its remainder solved again; called in the solver's thread."""
         rejoin = self.find_rejoin()
         plan = self.date(rejoin.splice(
             job.solve(rejoin.scenario, self.settings, self.time_limit, rejoin.tail)))
@@ -132,7 +132,7 @@ class Remainder(NamedTuple):
                                self.settings.track_tolerance, self.updated)
 
     def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
-        """Raise an error unless the plan is still flown, steadily, before the rejoin's effect."""
+        """Raise SupersededError unless `plan` is flown; LateError after a pause or if too late."""
         if flight is None or flight.playback.plan is not self.plan:
             raise SupersededError('replan: superseded by a newer plan')
         check_continuation(self.flight, flight, now - self.now)
@@ -174,12 +174,12 @@ class Replanning:
         return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)
 
     def is_period_over(self, _: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the last plan is older than replan_period, or the clock jumped back."""
+        """Return True if no plan or replan was in the last replan_period; False if this is 0."""
         period = settings.replan_period
         return period > 0 and not 0 <= now - self._last_planned < period
 
     def is_promise_ending(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
-        """Return True if the promise ends before a replan can take effect, unless _must_wait."""
+        """Return True if the promise ends before a replan takes effect; False if _must_wait."""
         ahead = (settings.replan_lead + DELIVERY_S) * flight.time_scale + (
             _EFFECT_SLOTS * flight.playback.plan.scenario.slot_duration)
         return not self._must_wait(flight, settings, now) and (
@@ -187,10 +187,10 @@ class Replanning:
 
     def have_receivers_moved(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if has_moved is true of the receivers and _must_wait is not.
+        Return True if has_moved finds a receiver that is not where the plan in flight expects it.
 
         With replan_distance 0, only an eavesdropper with a track that has left its disc counts.
-        With replan_period 0 as well, the answer is False.
+        With replan_period 0 as well, or while _must_wait, the answer is False.
         """
         distance = settings.replan_distance
         if not (distance or settings.replan_period) or self._must_wait(flight, settings, now):
@@ -200,17 +200,17 @@ class Replanning:
                          max(flight.time, self._updated_from), distance)
 
     def is_uav_released(self, flight: Flight, settings: PlannerSettings, _: float) -> bool:
-        """Return True if a relay that stopped a UAV at the last replan stops it no more."""
+        """Return True if, in flight, a relay no longer stops a UAV that it stopped at a replan."""
         return settings.replan_deviation > 0 and flight.state == 'flying' and bool(
             self._stopped - self._find_stopped(settings))
 
     def is_uav_off(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if a UAV in flight is farther than replan_deviation from its plan.
+        Return True if a UAV with use_pose flies farther than replan_deviation [m] from its plan.
 
-        For a UAV that its relay stops, the distance after replan_lead counts. For replan_lead
-        after a replan the answer is False, so that UAVs can come back to their plan, unless a
-        relay has stopped or released a UAV since. With replan_deviation 0 it is always False.
+        For a UAV that its relay stops, the distance after replan_lead counts. While _is_recent the
+        answer is False, so that UAVs can come back to their plan, unless a relay has stopped or
+        released a UAV since the last replan began. With replan_deviation 0 it is always False.
         """
         most, lead = settings.replan_deviation, settings.replan_lead
         if not most or flight.state != 'flying' or self._is_recent(settings, now) and (
@@ -225,10 +225,10 @@ class Replanning:
 
     def _must_wait(self, flight: Flight, settings: PlannerSettings, now: float) -> bool:
         """
-        Return True if rules that compare predicted receivers must not be due yet.
+        Return True if the rules 'promise' and 'receivers' must not be due yet.
 
-        They wait for replan_lead after a plan was published or a replan began, if the last replan
-        failed or if a receiver of the plan in flight has a track.
+        They wait for replan_lead after a plan was published or a replan began, but only if the
+        last replan failed or if a receiver of the plan in flight has a track.
         """
         return self._is_recent(settings, now) and (
             self._has_failed or flight.playback.plan.scenario.has_tracks)
@@ -259,11 +259,11 @@ class Replanning:
         self._last_planned, self._has_failed, self._updated_from = now, False, updated_from
 
     def note_failure(self, rule: Rule) -> None:
-        """Note that the remainder was not planned again by a rule."""
+        """Note that a replan failed, which counts only if its rule is without must_meet."""
         self._has_failed = not rule.must_meet
 
     def _find_stopped(self, settings: PlannerSettings) -> frozenset[str]:
-        """Return the names of the UAVs with a pose to plan from that their relays stop."""
+        """Return the names of the UAVs with use_pose that their relays stop."""
         return self._tracking.find_stopped(
             name for name, uav in settings.uavs.items() if uav.use_pose)
 

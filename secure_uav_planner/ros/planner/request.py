@@ -74,7 +74,7 @@ class StartTime:
     @classmethod
     def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
                       ) -> 'StartTime':
-        """Return the StartTime of a request at now_ns; while flying, replan_lead ahead or more."""
+        """Return the StartTime by start_delay; while flying, `ahead` is at least replan_lead."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay
@@ -96,8 +96,8 @@ class StartTime:
         """
         Return the time limit of the solve [s]: the lesser of `limit` and the time left.
 
-        The time left is t - min(_RESERVE_S, t / 2), where t is the time to the plan's effect or
-        `until`. Without a delay and an `until` it is infinite. None is no limit.
+        The time left is t - min(_RESERVE_S, t / 2), where t is the lesser of `until` and, with a
+        delay, the time to the plan's effect. None is no limit.
 
         :param limit: value of the parameter time_limit [s], or None.
         :param until: time [s] after the request by which the plan must come in any case.
@@ -129,7 +129,7 @@ class StartTime:
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
-        """Raise a LateError if a plan with a delay would reach a follower after its effect."""
+        """Raise a LateError if a plan with a delay has its effect in less than DELIVERY_S."""
         if self.delay and now_ns + DELIVERY_S * 1e9 > self.effect_ns:
             raise LateError('the new plan came too late for the moment it was to take effect; a '
                             'longer start_delay gives it more time, and in flight a longer '
@@ -162,7 +162,7 @@ class Request:
         """
         Return the plan of the mission and its messages; called in the solver's thread.
 
-        If the mission is `solved`, nothing is solved again, and that plan is dated.
+        If there is a plan `solved`, that plan is dated, and nothing is solved.
 
         :param initial: a Plan from which the solve begins, or None.
         :param until: time of time.monotonic() at which the solve must end, or None.
@@ -196,7 +196,8 @@ class Request:
 
         With predicted receivers and without a start_delay, point 0 was not known at the
         prediction. It is then set _RELEASE_S after the solve, and the tracks of predicted
-        receivers are moved to it. Slots whose rate is not positive with these tracks are muted.
+        receivers are moved to it. With these tracks, the transmitter is muted in slots in which
+        the rates of all ground nodes are negative.
         """
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
         if until is None or self.start.delay:
@@ -225,8 +226,8 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
     Return the Request of a new mission, which begins where the UAVs will be.
 
     :param states: the measured state of each UAV, in the time of the flight, or of the clock
-        without a flight; None for a UAV that is on the flight's plan, or at its start without a
-        flight.
+        without a flight; None for a UAV that is on the flight's plan, or at its start if no flight
+        has begun.
     :param flight: the Flight that the mission continues, or None.
     :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """
@@ -235,6 +236,7 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
     uavs = [_with_start_state(uav.mission, index, state, settings, start, flight)
             for index, (uav, state) in enumerate(
                 zip(settings.uavs.values(), states, strict=True))]
+    # Without a start_delay, receivers are predicted as if the solve took no time; see `date`.
     clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
         0.0 if start.delay else _RELEASE_S))
     end = settings.duration * (settings.slots + 1) / settings.slots  # Point N+1 [s].
@@ -269,14 +271,15 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
 
     | flight            | state of the UAV    | it starts                       |
     | ----------------- | ------------------- | ------------------------------- |
-    | under way         | None or measured    | on the plan in flight           |
-    | ended             | None                | on the plan in flight           |
+    | under way         | None or measured    | on the flight's plan            |
+    | ended             | None                | at the end of the flight's plan |
     | none, or waiting  | None                | where its parameters say        |
     | ended, or waiting | measured            | where it is predicted to be     |
     | none              | measured, delay     | where it is predicted to be     |
     | none              | measured, no delay  | where it is                     |
 
     :raises InfeasibleMissionError: for a UAV that is held off the plan in flight.
+    :raises ScenarioError: for a UAV that flies at another altitude or above its max_speed.
     """
     is_flown = flight is not None and flight.state != 'waiting'
     if state is None and not is_flown:
@@ -300,7 +303,7 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
 
 
 def _check_distance(name: str, offset: Array, settings: PlannerSettings) -> None:
-    """Raise an InfeasibleMissionError if a held UAV, at an offset [m], is off its plan."""
+    """Raise an InfeasibleMissionError if a held UAV's offset (x, y) [m] is > track_tolerance."""
     distance = math.hypot(*offset)
     if distance > settings.track_tolerance:
         raise InfeasibleMissionError(
@@ -311,9 +314,12 @@ def _check_distance(name: str, offset: Array, settings: PlannerSettings) -> None
 
 def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
     """
-    Return a UAV's position [m] and velocity [m/s] on the plan in flight; held, it is at rest.
+    Return a UAV's position [m] and velocity [m/s] on the flight's plan at a time [s] of the plan.
 
-    :raises ScenarioError: if its altitude has changed, or if it flies faster than its max_speed.
+    The velocity is per s of the plan's time, and 0 while the flight is held.
+
+    :raises ScenarioError: if its altitude is not the plan's, or if it has an acceleration limit
+        and flies faster than its max_speed.
     """
     flown = flight.playback.plan.scenario.uavs[index]
     if uav.altitude != flown.altitude:

@@ -54,7 +54,7 @@ class Job:
         :raises StoppedError: if the job was stopped.
         """
         def on_iteration(iteration: Iteration) -> bool:
-            """Keep the progress; return True to stop the solve."""
+            """Keep the progress, and report it at intervals; return True to stop the solve."""
             self.progress, now = iteration, time.monotonic()
             if iteration.number == 0 or now - self._posted > _PROGRESS_PERIOD:
                 self._posted = now
@@ -72,7 +72,7 @@ class Job:
         return plan
 
     def prove_bound(self, plan: Plan) -> Bound:
-        """Prove the bound of a plan."""
+        """Return a proved upper bound of the rates of all plans for the mission of `plan`."""
         return upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                            on_progress=lambda _: self.stop.is_set())
 
@@ -99,7 +99,7 @@ class SolverThread:
                  on_progress: Callable[[], None]) -> None:
         self._post, self._on_progress = post, partial(post, on_progress)
         self._pool = ThreadPoolExecutor(1, 'solver')
-        self._last: 'Future[Any]' = Future()  # The newest one in the solver's thread.
+        self._last: 'Future[Any]' = Future()  # Future of the newest work.
         self._last.set_result(None)
         self.job: Job | None = None
 
@@ -114,7 +114,7 @@ class SolverThread:
         return None if self.job is None else self.job.progress
 
     def cancel(self) -> bool:
-        """Cancel the present solve, whose result is then an error; return False without one."""
+        """Cancel the present solve, whose result is then an error; return False if none runs."""
         if self.job is None or not self.job.is_solve:
             return False
         self.job.stop.set()
@@ -126,7 +126,8 @@ class SolverThread:
         Stop the present job and drop its result; then start a new job in the solver's thread.
 
         :param work: called with the Job in the solver's thread.
-        :param then: called with the Result in the state thread, unless a later job was started.
+        :param then: called in the state thread with the Result, a function that returns the result
+            or raises its error, unless this job was stopped or a later one started.
         :param cancelled: text of the job's error after a cancel.
         :param is_solve: True for a solve, which can be cancelled; False for the proof of a bound.
         """
@@ -134,7 +135,7 @@ class SolverThread:
         job = self.job = Job(self._on_progress, cancelled, is_solve)
 
         def finish(future: 'Future[Any]') -> None:
-            """Call `then` in the state thread, unless a later job has been started."""
+            """Call `then`, unless this job was stopped or a later one started."""
             def result() -> Any:
                 job.raise_if_cancelled()  # A cancel may come after the work and before this.
                 return future.result()

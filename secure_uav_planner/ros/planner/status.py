@@ -58,13 +58,13 @@ class State:
                               self.prefix + plan_summary(plan, self.bound))
 
     def keep_requested(self, plan: Plan, prefix: str = '') -> None:
-        """Make a plan by request the last one."""
+        """Make a requested plan the last plan, whose summary follows `prefix`, and count it."""
         self._keep(plan, is_replan=False)
         self.plans += 1
         self.prefix = prefix
 
     def keep_restored(self, plan: Plan) -> None:
-        """Make the plan of the plan file the last one."""
+        """Make the plan of the plan file the last plan, and count it as requested."""
         self.keep_requested(plan, 'restored: ')
 
     def keep_replan(self, plan: Plan) -> bool:
@@ -86,7 +86,7 @@ class State:
             self.refusal = None
 
     def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
-        """Note and return a refusal: OK for a stopped replan, ERROR for a failure, else WARN."""
+        """Note and return a refusal: WARN; OK for a stopped replan; ERROR if no PlanningError."""
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             kind = 'replan' if is_replan else 'solve'
@@ -122,11 +122,9 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     """
     Return the level of the planner's status and a text that explains it.
 
-    ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or a
-    promise has ended, or the last request was refused, or its plan has not converged, has no
-    promised slot, or lets UAVs come close without a separation. OK: none of these. During a solve,
-    its progress replaces the last outcome, also in the level. STALE is not used, because tools
-    take it for a node that is silent.
+    The level is the outcome's, or OK during a solve, whose progress then replaces the outcome's
+    text. With problems, the level is at least WARN, and their texts come first. STALE is not used,
+    because tools take it for a node that is silent.
     """
     level, text = outcome.level, outcome.text
     if progress is not None:
@@ -151,7 +149,7 @@ class WarningLog:
         self._log, self._logged = log, defaultdict[str, set[str]](set)
 
     def warn(self, subject: str, text: str) -> None:
-        """Log a warning, unless it was logged or too many were logged since the last clear."""
+        """Log a warning once, at most _MOST_WARNINGS about a subject until it is cleared."""
         logged = self._logged[subject]
         if text not in logged and len(logged) < _MOST_WARNINGS:
             logged.add(text)
@@ -217,7 +215,7 @@ def _approach_status(approach: Approach | None, beyond_margin: float) -> Approac
 
 
 def closest_approach_text(plan: Plan) -> str:
-    """Return in words how close UAVs come to each other, with a warning if so, and to zones."""
+    """Return in words how close UAVs come to each other (with advice if close) and to zones."""
     clearance = plan.clearance
     zones, margin = clearance.to_zones, plan.scenario.boundaries.margin_text
     texts = [clearance.between_uavs_text]

@@ -81,7 +81,7 @@ class Release:
     unmet: list[str] = field(default_factory=list)
 
     def update(self, unmet: list[str]) -> str:
-        """Keep the present conditions; return a text if other conditions than before are unmet."""
+        """Keep unmet conditions; return them in words if others were unmet before, or ''."""
         before, self.unmet = self.unmet, unmet
         # A condition is compared without its distance, which follows a comma.
         kinds = [[condition.partition(',')[0] for condition in each] for each in (before, unmet)]
@@ -99,11 +99,11 @@ class Replay(WorkingNode):
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')), self._settings.mute_unpromised)
         self._is_promised = True  # Whether the slot of the last setpoint is promised.
-        self._ticked = time.monotonic()
+        self._ticked = time.monotonic()  # Time of the last tick [s].
         self._release = Release(0)  # Release of the last start.
         self._vehicles = Vehicles()
         self._ticked_ns = 0  # Time of the last tick by the node's clock [ns].
-        self._lost = set[str]()  # UAVs for which no power is sent; see _update_silence.
+        self._lost = set[str]()  # UAVs off their plan; while there is one, no UAV sends power.
         # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
@@ -221,7 +221,7 @@ class Replay(WorkingNode):
     # Services
 
     def _start(self) -> str:
-        """Release the plan; return what it waits for, or raise an OptionError of the player."""
+        """Release the plan, return in words what follows; raise OptionError if none can begin."""
         player, now = self._player, self.get_clock().now().nanoseconds
         player.start([None if isinstance(place, str) else place for place in self._places(now)],
                      self._settings.start_tolerance)
@@ -296,9 +296,9 @@ class Replay(WorkingNode):
 
     def _update_silence(self, now_ns: int) -> bool:
         """
-        Return True if find_lost finds a UAV during the flight, so that no power may be sent.
+        Return True if no UAV may send power, because find_lost finds a lost UAV in the flight.
 
-        Each change of these UAVs is logged.
+        If it finds other UAVs than at the last call, this is logged.
         """
         lost: dict[str, str] = {}  # The reason in words by UAV.
         if self._player.streaming and self._flight.is_under_way:

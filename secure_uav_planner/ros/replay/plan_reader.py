@@ -36,7 +36,7 @@ class PlanReader:
         self._idle.set_result(None)
 
     def read(self, text: str) -> None:
-        """Read a text, a short one at once; during a long one, it replaces a text that waits."""
+        """Read a short text at once, a long one in a process; meanwhile only the newest waits."""
         if not self._idle.done():
             self._waiting = text
         elif len(text) <= MOST_CHARACTERS:
@@ -65,7 +65,7 @@ class PlanReader:
             self.read(text)
 
     def _finish(self, result: Callable[[], tuple[Plan, str]]) -> None:
-        """Pass on the plan of a text, or the reason why it is not a plan."""
+        """Pass the plan and the frame that `result` returns to _take, or its error to _refuse."""
         try:
             plan, frame_id = result()
         except PlanningError as error:

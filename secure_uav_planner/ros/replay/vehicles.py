@@ -51,12 +51,11 @@ class Vehicles:
         """
         Return the names of the UAVs that are not on their plan, each with the reason in words.
 
-        A UAV is off its plan if it is farther from it than `tolerance` and the tracking_margin.
-        A UAV without odometry is taken to be on its plan, unless a relay reports that it does not
-        pass the UAV's setpoints on.
+        A UAV is off its plan if it is farther from it than `tolerance` and tracking_margin [m]. A
+        UAV without fresh odometry in the frame `frame_id` is taken to be on its plan, unless its
+        relay reports that it does not pass setpoints on, or has ceased to report.
 
         :param flight: the flight as it was at the clock's time flight_ns.
-        :param tolerance: distance from the plan [m].
         """
         lost, scenario = {}, flight.playback.plan.scenario
         most = max(tolerance, scenario.tracking_margin)
@@ -71,7 +70,7 @@ class Vehicles:
         return lost
 
     def _distance(self, name: str, index: int, flight: Flight, flight_ns: int) -> float:
-        """Return a UAV's distance from its plan [m] at its last odometry; see find_lost."""
+        """Return a UAV's horizontal distance [m] from its plan when its odometry was measured."""
         received, message = self._odometry[name]
         if name not in self._distances or self._distances[name][0] is not message:
             stamp, point = nanoseconds(message.header.stamp), message.pose.pose.position
