@@ -95,7 +95,13 @@ class Comparison:
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz] or NaN."""
+        """
+        Return the least over ground nodes of (mean rate + node_offset) / node_weight [bit/s/Hz].
+
+        The means are over the covered slots; the result is NaN if no slot is covered.
+
+        :param is_planned: True for the planned rates, False for the achieved rates.
+        """
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():
@@ -186,7 +192,7 @@ class Comparison:
 
 def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     """
-    Compare a flight with its plan.
+    Return the Comparison of a flight with its plan: errors, distances, rates and broken slots.
 
     :param plan: the Plan that the flight was read for, or a replan in the same flight.
     :param flight: a FlownFlight by read_flight. Each slot of a flight with replans is compared

@@ -57,7 +57,8 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
     The largest distance is START_TOLERANCE_M or the tracking margin, the larger of the two.
 
     :param clock: the log's time in s at times (K,) of the plan.
-    :raises LogFileError: with the option to type, such as --shift, if one lets the log fit.
+    :raises LogFileError: also without a position in the flight; with the option to type, such as
+        --shift, if one lets the log fit.
     """
     scenario = course.last.scenario
     name, tolerance = scenario.uavs[uav].name, max(START_TOLERANCE_M, scenario.tracking_margin)
@@ -77,9 +78,10 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
 
 def _suggest(log: VehicleLog, course: Course, uav: int, tolerance: float) -> str:
     """
-    Return what to type for a log in another frame: --shift or --at fit; '' if nothing fits.
+    Return text on a log that is too far from its plan: the option to type, '' if nothing fits.
 
-    If the log fits with x and y swapped, the text says so instead.
+    The option is --shift for another frame, and --at fit if only the time differs. If the log fits
+    with x and y swapped, the text says so instead.
     """
     name = course.last.scenario.uavs[uav].name
     swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])

@@ -22,6 +22,8 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
 
     Units are s, m in the plan's frame, m/s and W. An empty field is NaN. The column uav may be
     missing if `uavs` has one name. UAVs of the file that are not in `uavs` are returned, too.
+
+    :raises LogFileError: for a missing column, or a line that is wrong.
     """
     tables: dict[str, array[float]] = {}
     with Path(path).open(newline='', encoding='utf-8-sig') as file:
@@ -54,7 +56,7 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
 
 
 def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log in lines `t x y z qx qy qz qw`, in s and in m in the plan's frame."""
+    """Return the log in lines `t x y z qx qy qz qw`: s, m in the plan's frame, q is ignored."""
     if not Path(path).stat().st_size:
         raise LogFileError('it is empty')
     try:
@@ -69,7 +71,11 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
-    """Return the log of columns by name; z is NaN if it is missing. Times from _EPOCH are UTC."""
+    """
+    Return the log of columns by name: time, x, y, and perhaps z, vx, vy, power.
+
+    Heights are NaN without z. Times are UTC if their median is above _EPOCH.
+    """
     times = table['time']
     no_heights = np.full_like(times, np.nan)
     positions = np.stack([table['x'], table['y'], table.get('z', no_heights)], axis=-1)
