@@ -78,7 +78,11 @@ def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
-    """Print and draw a comparison; return FAILED (a slot broke), UNCOVERED (gaps) or None."""
+    """
+    Print and draw a comparison; return FAILED (a slot broke), UNCOVERED (gaps) or None.
+
+    With --json, the printed text is JSON, and a picture is drawn only if --out names it.
+    """
     flight = read_flight(_parse_logs(options.flown), plan, options.at,
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)

@@ -158,7 +158,7 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
 
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each group of places in m that may be degrees: it is below _DEGREE wide."""
+    """Yield a note on each group of places [m] that may be degrees: < _DEGREE wide, all <= 180."""
     groups: list[tuple[str, ArrayLike]] = [('starts, goals and receivers', scenario.landmarks), *(
         (name, zone.vertices) for name, zone in zip(
             scenario.zone_names, scenario.no_fly_zones, strict=True))]

@@ -55,7 +55,11 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """Return (baseline, name of its scheme without power), one for each set of equal paths."""
+    """
+    Return [(baseline, name)]; of several baselines with equal paths, only the first.
+
+    The name is the scheme's without its power, such as 'fly-hover-fly'.
+    """
     distinct = []
     for baseline in baselines:
         if not any(np.array_equal(baseline.positions, earlier.positions)
@@ -89,7 +93,7 @@ def add_legend(axes, *entries, **options):
 
 
 def rate_label(plan):
-    """Return one line with both rates over the promised slots of a Plan, and their caveats."""
+    """Return a line: both rates over a Plan's promised slots; caveats if not all is guaranteed."""
     channel = plan.scenario.channel
     caveat = '' if channel.is_guarantee else f' {channel.promise}'
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
@@ -161,7 +165,11 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """Return each eavesdropper's list of discs (time, centre, radius): 3 if it moves, else 1."""
+    """
+    Return the discs [(time [s], centre, radius [m]), ...] to be drawn, by eavesdropper.
+
+    Without a track it is the disc at time 0; with a track also at half and at all of `duration`.
+    """
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
@@ -169,7 +177,11 @@ def shown_discs(scenario):
 
 
 def map_extent(scenario, plans=()):
-    """Return the map's corners (2, 2) [m], lower left and upper right, with a margin of 7%."""
+    """
+    Return the map's corners (2, 2) [m], lower left and upper right, around all that is drawn.
+
+    The margin is 7% of the longer side. Zones and fence may be cut off, see extend_corners.
+    """
     _, centres, radii = scenario.receivers
     points = np.concatenate([
         scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),
@@ -180,7 +192,11 @@ def map_extent(scenario, plans=()):
 
 
 def extend_corners(scenario, corners):
-    """Return corners (2, 2) [m] moved out around zones and fence, by at most the longer side."""
+    """
+    Return a map's corners (2, 2) [m] moved out so that zones and fence are on the map.
+
+    Each coordinate moves by at most the longer side of the map before.
+    """
     low, high = np.array(corners)
     most_shift = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]

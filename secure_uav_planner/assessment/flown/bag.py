@@ -48,7 +48,7 @@ class FlightBag:
         """
         Return the logs with the times of a plan added, and the course of the plan and its replans.
 
-        Times and course are those of the last flight in the reports on plan_time. In a bag without
+        The reports on plan_time of the last flight give the times and the course. In a bag without
         reports, the logs get no times, and a plan is in force from its publication on.
 
         :raises LogFileError: for a bag without a flight of this plan.
@@ -92,7 +92,7 @@ class FlightBag:
         A new flight begins where the reported time of the plan goes back by over _RESTART_NS.
 
         :param revisions: the plan and its replans by identity.
-        :raises LogFileError: if none of them was flown.
+        :raises LogFileError: if no report has the identity of a revision.
         """
         flown = [report for report in self.reports if report.identity in revisions]
         if not flown:
