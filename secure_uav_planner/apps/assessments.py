@@ -65,7 +65,11 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return a channel with `changes` by field, whose los 'none' becomes None in place."""
+    """
+    Return a channel with other values of the fields in `changes`; 'none' stands for no `los`.
+
+    The outage is 0.5 with fading and None without. `changes` itself is altered, too.
+    """
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.

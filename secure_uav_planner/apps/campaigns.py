@@ -201,7 +201,7 @@ def _read_rows(folder: Path) -> dict[str, Row]:
 
 
 def _read_row(line: bytes) -> Row | None:
-    """Return the Row in a line of a journal, or None if it lacks a column or has a wrong type."""
+    """Return the Row in a journal's line, None for no JSON, a missing column or a wrong type."""
     try:
         row = json.loads(line)
     except (ValueError, RecursionError):

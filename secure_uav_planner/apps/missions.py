@@ -177,7 +177,7 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:
             hovering = float(uav.propulsion.power(0.0)) * scenario.slot_duration * (
-                scenario.slots + 2)  # A flight with an acceleration limit lasts N + 2 slots.
+                scenario.slots + 2)  # max_energy needs max_acceleration: N + 2 slots of flight.
             yield (f'{uav.name}: by the model, hovering all the time takes '
                    f'{hovering / uav.max_energy:.0%} of max_energy, and the straight way '
                    f'{energy / uav.max_energy:.0%}')

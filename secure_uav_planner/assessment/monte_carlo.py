@@ -229,7 +229,7 @@ def _checked_flown(flown: ArrayLike, plan: Plan, world: World) -> Array:
 def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
                     world: World) -> Iterator[Array]:
     """
-    Yield, for each slot, the rate of each ground node minus its leak, (G, D) in bit/s/Hz.
+    Yield, for each slot, the rate minus leak of each ground node, (G, D) in bit/s/Hz, of any sign.
 
     The leak is the largest rate of an eavesdropper or of another node that is not trusted, or the
     rate of all together if they collude. The R receivers are the G nodes, then the eavesdroppers.

@@ -148,7 +148,11 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
 
 def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """Return times [s] of reports: on the log's clock from origin_ns, of plan from start_ns."""
+    """
+    Return times [s] of reports: on the log's clock from origin_ns, and of the plan from start_ns.
+
+    :raises LogFileError: if the time of the plan never advances.
+    """
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
     # While the plan's time stands, only the first and the last report are kept.

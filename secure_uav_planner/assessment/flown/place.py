@@ -29,7 +29,7 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
     mission. If one of these is missing, the log is returned as it is.
 
     :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV. UAVs
-        may be missing; None has no UAV.
+        may be missing; None is no shift at all.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
