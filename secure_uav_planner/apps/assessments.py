@@ -65,11 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """
-    Return a channel with other values of the fields in `changes`; 'none' stands for no `los`.
-
-    The outage is 0.5 with fading and None without. `changes` itself is altered, too.
-    """
+    """Return the channel with `changes`, completed here: los 'none' to None, and an outage."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.
@@ -82,11 +78,7 @@ def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
 
 
 def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
-    """
-    Print and draw a comparison; return FAILED (a slot broke), UNCOVERED (gaps) or None.
-
-    With --json, the printed text is JSON, and a picture is drawn only if --out names it.
-    """
+    """Print and draw a comparison; return FAILED (a slot broke), UNCOVERED (gaps) or None."""
     flight = read_flight(_parse_logs(options.flown), plan, options.at,
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)

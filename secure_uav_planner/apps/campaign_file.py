@@ -112,12 +112,7 @@ def _checked_limit(value: Any) -> Any:
 
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
-    """
-    Return `value`, a list with at least one name, or raise a ScenarioError for another value.
-
-    Each name is in `allowed`. If `allowed` has 'module:function' (_OWN), a name may also be a
-    user's planner in this notation, which is imported.
-    """
+    """Return `value`, a list of `allowed` names and, with _OWN, of planners `module:function`."""
     planners = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(

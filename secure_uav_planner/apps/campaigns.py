@@ -220,11 +220,7 @@ def _is_lost(row: Row) -> bool:
 
 
 def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
-    """
-    Return the recorded row of a task, or None if the task must be planned (again).
-
-    It must be without a row, after an infrastructure failure, or if its kept plan is gone.
-    """
+    """Return a task's recorded row; None if missing, lost (see _is_lost) or its plan is gone."""
     if row is None or _is_lost(row):
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
@@ -241,11 +237,7 @@ def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
 
 
 def run_sweep(options: argparse.Namespace) -> None:
-    """
-    Plan the missions of a campaign, and write tables and a figure; a shard writes only a journal.
-
-    :raises PlanningError: at the end, if missions were lost or met a fault of the program.
-    """
+    """Plan a campaign; write a journal and, without --shard, tables; raise losses at the end."""
     campaign = load_input(options.mission, load_campaign)
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.

@@ -143,11 +143,7 @@ def explore_mission(options: argparse.Namespace) -> None:
 
 
 def make_app(source: MissionText, port: int) -> Dash:
-    """
-    Return the Dash app that edits and plans a mission; each page has an Editor of its own.
-
-    Only requests to this computer at `port` that its own pages send are answered.
-    """
+    """Return the Dash app of a mission, an Editor for each page; refuse requests of others."""
     app = Dash(__name__, title='explore', update_title='', index_string=PAGE)
     app.server.config['MAX_CONTENT_LENGTH'] = 2 * MOST_BYTES
     editors: dict[str, Editor] = {}
@@ -203,7 +199,7 @@ def make_app(source: MissionText, port: int) -> Dash:
         Input('version', 'data'), Input('tick', 'n_intervals'), Input('keep', 'n_clicks'),
         State('drawn', 'data'), State('page', 'data'))
     def follow(_: int, ticks: int, clicks: Any, drawn: int, page: str) -> Any:
-        """Show the mission and its plan or progress; `drawn` is the version of the page's shapes."""
+        """Show the mission and its plan or progress; the page has the shapes of `drawn`."""
         if page not in editors:  # The server was started anew: the page must be reloaded.
             return (*[no_update] * 3, 'old', no_update, _OLDER, 'failed', '', ticks, drawn)
         editor = editors[page]

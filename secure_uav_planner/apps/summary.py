@@ -216,11 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """
-    Add a legend with notes above all axes, and make the figure higher by the height of both.
-
-    :param chosen: names of the field x and of the second, third and fourth field, None for none.
-    """
+    """Add a legend with notes above all axes, and height for it; `chosen`: names of 4 fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen

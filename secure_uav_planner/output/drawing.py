@@ -55,11 +55,7 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """
-    Return [(baseline, name)]; of several baselines with equal paths, only the first.
-
-    The name is the scheme's without its power, such as 'fly-hover-fly'.
-    """
+    """Return (baseline, its scheme without the power) of the first of each set of equal paths."""
     distinct = []
     for baseline in baselines:
         if not any(np.array_equal(baseline.positions, earlier.positions)
@@ -165,11 +161,7 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """
-    Return the discs [(time [s], centre, radius [m]), ...] to be drawn, by eavesdropper.
-
-    Without a track it is the disc at time 0; with a track also at half and at all of `duration`.
-    """
+    """Return by eavesdropper the discs (time, centre, radius) at 0, with a track also T/2, T."""
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
@@ -177,11 +169,7 @@ def shown_discs(scenario):
 
 
 def map_extent(scenario, plans=()):
-    """
-    Return the map's corners (2, 2) [m], lower left and upper right, around all that is drawn.
-
-    The margin is 7% of the longer side. Zones and fence may be cut off, see extend_corners.
-    """
+    """Return the map's lower left and upper right (2, 2) [m]: all shown, and 7% of the extent."""
     _, centres, radii = scenario.receivers
     points = np.concatenate([
         scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),
@@ -192,11 +180,7 @@ def map_extent(scenario, plans=()):
 
 
 def extend_corners(scenario, corners):
-    """
-    Return a map's corners (2, 2) [m] moved out so that zones and fence are on the map.
-
-    Each coordinate moves by at most the longer side of the map before.
-    """
+    """Return corners (2, 2) [m] moved out around zones and fence, by at most the longer side."""
     low, high = np.array(corners)
     most_shift = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]

@@ -90,7 +90,7 @@ class MapLabels:
         return np.array(extent.size) / self._axes.figure.dpi * 72.0 * self._point
 
     def _list_boxes(self, size, place, direction, gaps):
-        """Yield boxes of a size (2,) [m] at gaps [points] from a place, if in the map; best first."""
+        """Yield boxes of a size (2,) [m] in the map at gaps [points] from a place, best first."""
         for gap, angle in product(gaps, direction + _ANGLES):
             ray = np.array([np.cos(angle), np.sin(angle)])
             center = place + ray * (gap * self._point + np.abs(ray) @ size / 2)

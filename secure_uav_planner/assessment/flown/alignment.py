@@ -97,13 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """
-    Return the Shift by takeoff: the median over UAVs of departure in the log minus in the plan.
-
-    The uncertainty is half of the range of these differences, and at least _LEFT_S.
-
-    :raises LogFileError: if no UAV leaves its start both in log and plan.
-    """
+    """Return the Shift: median over UAVs of departure in log minus in plan, half their range."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
@@ -163,9 +157,7 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, float]:
     """
-    Return the index and the RMS [m] of the least local minimum over _APART_S away from the best.
-
-    The RMS is infinite if there is no such minimum.
+    Return index and RMS [m] of the least local minimum over _APART_S from the best; inf if none.
 
     :param lags: lags [s], STEP_S apart, (L,).
     :param means: mean squared distance at each lag, (L,) in m^2.

@@ -148,11 +148,7 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
 
 def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """
-    Return times [s] of reports: on the log's clock from origin_ns, and of the plan from start_ns.
-
-    :raises LogFileError: if the time of the plan never advances.
-    """
+    """Return times [s] of reports: on the log's clock from origin_ns, of plan from start_ns."""
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
     advances = np.diff(plan_ns) > 0
     # While the plan's time stands, only the first and the last report are kept.
@@ -277,11 +273,7 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _list_state(message: Any) -> tuple[float, ...]:
-    """
-    Return x, y, z [m] and the velocity in x and y [m/s] of an Odometry, in the fixed frame.
-
-    The velocity is the forward and left velocity turned by the yaw, as for a level vehicle.
-    """
+    """Return x, y, z [m] and velocity in x and y [m/s] of a level vehicle in the fixed frame."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     twist = message.twist.twist.linear  # The twist is in the vehicle's frame.
     sine = 2 * (turn.w * turn.z + turn.x * turn.y)

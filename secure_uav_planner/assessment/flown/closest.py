@@ -68,12 +68,7 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
 
 
 def _find_least(times: Array, distances: dict[str, Array]) -> Closest | None:
-    """
-    Return the least of all `distances` with its time and names, or None if all are NaN.
-
-    :param times: times of the distances, (K,) in s from point 0.
-    :param distances: distances (K,) in m, by the names of the two between which they are.
-    """
+    """Return the least of all distances (K,) [m], with time and names; None if all are NaN."""
     closest = [Closest(float(values[index]), float(times[index]), names)
                for names, values in distances.items() if np.isfinite(values).any()
                for index in [int(np.nanargmin(values))]]

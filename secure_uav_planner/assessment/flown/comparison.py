@@ -95,13 +95,7 @@ class Comparison:
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """
-        Return the least over ground nodes of (mean rate + node_offset) / node_weight [bit/s/Hz].
-
-        The means are over the covered slots; the result is NaN if no slot is covered.
-
-        :param is_planned: True for the planned rates, False for the achieved rates.
-        """
+        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz] or NaN."""
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():

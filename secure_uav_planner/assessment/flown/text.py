@@ -22,8 +22,6 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
 
     Units are s, m in the plan's frame, m/s and W. An empty field is NaN. The column uav may be
     missing if `uavs` has one name. UAVs of the file that are not in `uavs` are returned, too.
-
-    :raises LogFileError: for a missing column, or a line that is wrong.
     """
     tables: dict[str, array[float]] = {}
     with Path(path).open(newline='', encoding='utf-8-sig') as file:
@@ -71,11 +69,7 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
-    """
-    Return the log of columns by name: time, x, y, and perhaps z, vx, vy, power.
-
-    Heights are NaN without z. Times are UTC if their median is above _EPOCH.
-    """
+    """Return the log of columns by name; NaN for no z. A median time above _EPOCH means UTC."""
     times = table['time']
     no_heights = np.full_like(times, np.nan)
     positions = np.stack([table['x'], table['y'], table.get('z', no_heights)], axis=-1)
