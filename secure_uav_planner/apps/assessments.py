@@ -65,7 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return the channel with `changes`, completed here: los 'none' to None, and an outage."""
+    """Return the channel with `changes`, in which los 'none' becomes None and outage is set."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.

@@ -237,7 +237,11 @@ def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
 
 
 def run_sweep(options: argparse.Namespace) -> None:
-    """Plan a campaign; write a journal and, without --shard, tables; raise losses at the end."""
+    """
+    Plan the missions of a campaign; without --shard, write tables and a figure of all results.
+
+    :raises PlanningError: at the end, if missions were lost or met a fault of the program.
+    """
     campaign = load_input(options.mission, load_campaign)
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.

@@ -143,7 +143,7 @@ def explore_mission(options: argparse.Namespace) -> None:
 
 
 def make_app(source: MissionText, port: int) -> Dash:
-    """Return the Dash app of a mission, an Editor for each page; refuse requests of others."""
+    """Return the Dash app of a mission, with an Editor for each page; other sites get 403."""
     app = Dash(__name__, title='explore', update_title='', index_string=PAGE)
     app.server.config['MAX_CONTENT_LENGTH'] = 2 * MOST_BYTES
     editors: dict[str, Editor] = {}

@@ -216,7 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add a legend with notes above all axes, and height for it; `chosen`: names of 4 fields."""
+    """Add a legend with notes above all axes, and height for it; `chosen`: by _choose_fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen

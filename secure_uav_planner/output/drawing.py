@@ -161,7 +161,12 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """Return by eavesdropper the discs (time, centre, radius) at 0, with a track also T/2, T."""
+    """
+    Return for each eavesdropper the list of its drawn discs (time [s], centre, radius [m]).
+
+    Without a track it has one disc, at time 0. With a track it has three, also at duration / 2
+    and at duration.
+    """
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
@@ -169,7 +174,7 @@ def shown_discs(scenario):
 
 
 def map_extent(scenario, plans=()):
-    """Return the map's lower left and upper right (2, 2) [m]: all shown, and 7% of the extent."""
+    """Return the map's corners (2, 2) [m], lower left and upper right, 7% around what it shows."""
     _, centres, radii = scenario.receivers
     points = np.concatenate([
         scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),

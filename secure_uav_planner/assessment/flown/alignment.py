@@ -97,7 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift: median over UAVs of departure in log minus in plan, half their range."""
+    """Return the Shift: median over UAVs of departure in log minus in plan; half of the range."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []

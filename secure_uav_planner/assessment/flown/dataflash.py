@@ -42,7 +42,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _read_table(reader: Any) -> dict[str, Array]:
-    """Return by type of its messages a table of rows: time [s] and `columns`, 0 if missing."""
+    """Return by message type the rows (time [s], `columns`), with 0 for a missing column."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
