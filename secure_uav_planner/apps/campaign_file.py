@@ -218,8 +218,8 @@ class Campaign(Checked):
         """
         Pairs (method, objective) with which each mission is planned, in the order of `methods`.
 
-        Each method has all `objectives`, and alternating at most 'guaranteed'. Without them, a
-        method of solve has its default objective. A baseline or an own planner then has the
+        Each method has all `objectives`, and alternating at most 'guaranteed'. If `objectives` is
+        None, a method of solve has its default objective, and a baseline or an own planner has the
         defaults of the campaign's methods of solve, or the default of METHODS[0] without any.
         """
         methods = self.methods or METHODS[:1]

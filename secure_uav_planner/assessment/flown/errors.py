@@ -107,8 +107,7 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
 
     Each is the distance from the nearest point of the planned path, positive on its left. That
     point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, from t - delay,
-    each of at most 1 s.
-    While the plan hovers, the error is the distance from the hovering point.
+    each of at most 1 s. While the plan hovers, the error is the distance from the hovering point.
 
     :param delay: time [s] by which the UAV is behind its plan, or NaN, taken as 0.
     """

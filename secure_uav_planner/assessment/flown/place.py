@@ -54,7 +54,7 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
     """
     Refuse a log whose first position in the flight is too far from the plan: frames differ.
 
-    The largest distance is START_TOLERANCE_M or the tracking margin, the larger of the two.
+    The distance may be at most the larger one of START_TOLERANCE_M and the tracking margin.
 
     :param clock: the log's time in s at times (K,) of the plan.
     :raises LogFileError: also without a position in the flight; with the option to type, such as
