@@ -199,7 +199,7 @@ def make_app(source: MissionText, port: int) -> Dash:
         Input('version', 'data'), Input('tick', 'n_intervals'), Input('keep', 'n_clicks'),
         State('drawn', 'data'), State('page', 'data'))
     def follow(_: int, ticks: int, clicks: Any, drawn: int, page: str) -> Any:
-        """Show the mission, its plan or progress; `drawn` is the version whose shapes are shown."""
+        """Show the mission, its plan or progress; `drawn` is the version whose shapes it shows."""
         if page not in editors:  # The server was started anew: the page must be reloaded.
             return (*[no_update] * 3, 'old', no_update, _OLDER, 'failed', '', ticks, drawn)
         editor = editors[page]

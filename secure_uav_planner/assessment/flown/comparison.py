@@ -95,7 +95,7 @@ class Comparison:
             BROKEN * planned + NEGLIGIBLE * planned.mean()))
 
     def rate(self, objective: str, is_planned: bool = False) -> float:
-        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz], or NaN."""
+        """Return min over nodes of (mean in covered slots + offset) / weight [bit/s/Hz] or NaN."""
         check_argument('objective', objective, Choice(OBJECTIVES))
         is_planned = check_argument('is_planned', is_planned, checked_truth)
         if not self.covered.any():
