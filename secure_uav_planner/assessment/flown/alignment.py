@@ -159,7 +159,7 @@ def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, flo
     """
     Return index and RMS [m] of the least local minimum over _APART_S from the best; inf if none.
 
-    The first lag beyond _APART_S also counts as a minimum if the next mean is not smaller.
+    The first lag over _APART_S away is a minimum if the mean of the next lag is not smaller.
 
     :param lags: lags [s], STEP_S apart, (L,).
     :param means: mean squared distance at each lag, (L,) in m^2.
