@@ -65,7 +65,7 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
 
 
 def _change_channel(channel: Channel, changes: dict[str, Any]) -> Channel:
-    """Return a channel with `changes` by field, whose los 'none' becomes None in place."""
+    """Return the channel with `changes`, in which los 'none' becomes None and outage is set."""
     if changes.get('los') == 'none':
         changes['los'] = None
     # A channel with fading needs an outage, which the draws do not use.

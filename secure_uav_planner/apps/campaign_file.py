@@ -112,7 +112,7 @@ def _checked_limit(value: Any) -> Any:
 
 
 def _checked_names(allowed: tuple[str, ...], value: Any) -> list[str]:
-    """Return `value`, a list of `allowed` names; with _OWN, also of planners to be imported."""
+    """Return `value`, a list of `allowed` names and, with _OWN, of planners `module:function`."""
     planners = [item for item in value if isinstance(item, str) and ':' in item] if (
         _OWN in allowed and isinstance(value, list)) else []
     if not isinstance(value, list) or not value or not all(
@@ -159,6 +159,7 @@ class Campaign(Checked):
     assess: dict[str, Any] | None = field(default=None, metadata=checked_by(_checked_assessment))
 
     def __post_init__(self) -> None:
+        """Check each field, then what varies, and that there are 1 to MOST_TASKS tasks."""
         super().__post_init__()
         raise_all(self._find_unfit())
         if not 1 <= self.size <= MOST_TASKS:
@@ -215,10 +216,11 @@ class Campaign(Checked):
     @cached_property
     def schemes(self) -> list[tuple[str, str]]:
         """
-        Pairs (method, objective) of each mission: all `objectives` for each method.
+        Pairs (method, objective) with which each mission is planned, in the order of `methods`.
 
-        The method alternating takes only the objective guaranteed. Without `objectives`, a method
-        of solve has its default, and each other method has the defaults of all these methods.
+        Each method has all `objectives`, and alternating at most 'guaranteed'. If `objectives` is
+        None, a method of solve has its default objective, and a baseline or an own planner has the
+        defaults of the campaign's methods of solve, or the default of METHODS[0] without any.
         """
         methods = self.methods or METHODS[:1]
         by_method: dict[str, list[str]]
@@ -240,7 +242,7 @@ class Campaign(Checked):
         return math.prod(map(len, self.grid.values())) * self.samples * len(self.schemes)
 
     def tasks(self) -> Iterator[Task]:
-        """Yield a task for each mission and scheme; sample k draws equally at each grid point."""
+        """Yield each mission's tasks; sample k has the same draws at all points of the grid."""
         settings: dict[str, Any] = {
             'time_limit': self.time_limit, 'bound_time_limit': self.bound_time_limit}
         # Keys are digests of settings: a field without a value is left out, so that campaigns

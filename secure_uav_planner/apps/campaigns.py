@@ -39,7 +39,7 @@ def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
                  client: 'Client | None' = None, *,
                  folder: str | os.PathLike[str] | None = None, jobs: int = -1) -> 'DataFrame':
     """
-    Plan all missions of a campaign.
+    Return the results of all missions of a campaign as a table; plan those without a result.
 
     :param campaign: path of a campaign file, or a mapping with its fields, whose `mission` may be
         a Scenario.
@@ -76,7 +76,7 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
               cluster: 'str | Client | None' = None, shard: tuple[int, int] | None = None,
               title: str = 'sweep') -> list[Row]:
     """
-    Return the rows of all missions of a campaign; plan the missions without a row.
+    Return the row of each mission of a campaign; plan the missions that have no row yet.
 
     Each finished mission is appended to a journal in the folder at once. A mission is planned
     again after an infrastructure failure, if its plan was to be kept and is gone, or if its line
@@ -87,8 +87,8 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
     :param folder: folder of the journals and the kept plans.
     :param jobs: processes on this computer; -1 for as many as there are cores.
     :param cluster: a Dask client or the address of a scheduler, whose workers are used instead.
-    :param shard: (k, n), k from 1 to n: only the k-th of n shares of the missions is planned, with
-        a journal of its own.
+    :param shard: (k, n), k from 1 to n: only the k-th of n shares of the missions is planned and
+        returned, with a journal of its own.
     :param title: name in the reports of progress on stderr.
     :raises OSError: when a row cannot be written; what is finished is kept.
     :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
@@ -129,6 +129,7 @@ class _Progress:
     """Reports of progress on stderr: a line that changes on a terminal, otherwise new lines."""
 
     def __init__(self, title: str, finished: Sequence[Row], total: int) -> None:
+        """Begin with the rows finished before this run, of `total` missions."""
         self._title, self._total = title, total
         # Missions done so far, and missions done before this run.
         self._done = self._first = len(finished)
@@ -137,14 +138,14 @@ class _Progress:
         self._is_terminal = sys.stderr.isatty()
 
     def add(self, row: Row) -> None:
-        """Count a finished mission, and report if the last report is _PERIODS old."""
+        """Count a finished mission, and report if the last report is _PERIODS [s] old."""
         self._done += 1
         self._failed += row['outcome'] != 'ok'
         if time.monotonic() - self._reported >= _PERIODS[self._is_terminal]:
             self.report('\r' if self._is_terminal else '\n')
 
     def report(self, end: str = '\n') -> None:
-        """Print missions done, failed and per second, and the time that is left at this rate."""
+        """Print missions done and failed, the rate of this run, and the time left at this rate."""
         self._reported = time.monotonic()
         rate = (self._done - self._first) / max(self._reported - self._started, 1e-9)
         per_second = f'{rate:.0f}' if rate >= 100 else f'{rate:.3g}'
@@ -181,7 +182,7 @@ def _open_journal(path: Path) -> Iterator[BinaryIO]:
 
 
 def _read_rows(folder: Path) -> dict[str, Row]:
-    """Return the rows of all journals of a folder by key; print the numbers of damaged lines."""
+    """Return the last row of each key in a folder's journals; print numbers of damaged lines."""
     rows: dict[str, Row] = {}
     for path in sorted(folder.glob('results*.jsonl')):
         damaged = []
@@ -190,7 +191,7 @@ def _read_rows(folder: Path) -> dict[str, Row]:
                 row = _read_row(line)
                 if row is None and line.endswith(b'\n'):  # A shard may be writing the last line.
                     damaged.append(str(number))
-                # A later row counts instead, unless it is an infrastructure failure.
+                # A later row replaces an earlier one, unless it is an infrastructure failure.
                 elif row is not None and (row['key'] not in rows or not _is_lost(row)):
                     rows[row['key']] = row
         if damaged:
@@ -200,7 +201,7 @@ def _read_rows(folder: Path) -> dict[str, Row]:
 
 
 def _read_row(line: bytes) -> Row | None:
-    """Return the Row in a line of a journal, or None if it lacks a column or has a wrong type."""
+    """Return the Row in a journal's line, None for no JSON, a missing column or a wrong type."""
     try:
         row = json.loads(line)
     except (ValueError, RecursionError):
@@ -219,7 +220,7 @@ def _is_lost(row: Row) -> bool:
 
 
 def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
-    """Return a row; None if missing, an infrastructure failure, or its kept plan is gone."""
+    """Return a task's recorded row; None if missing, lost (see _is_lost) or its plan is gone."""
     if row is None or _is_lost(row):
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
@@ -236,7 +237,11 @@ def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:
 
 
 def run_sweep(options: argparse.Namespace) -> None:
-    """Plan a campaign's missions, write tables and a figure; at last, raise losses and faults."""
+    """
+    Plan the missions of a campaign; without --shard, write tables and a figure of all results.
+
+    :raises PlanningError: at the end, if missions were lost or met a fault of the program.
+    """
     campaign = load_input(options.mission, load_campaign)
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.

@@ -134,7 +134,7 @@ def _draw_circle(x: float, y: float, radius: float, color: str) -> dict[str, Any
 
 
 def find_circle(vertices: Any) -> tuple[float, float, float] | None:
-    """Return (x, y, radius) of a nearly regular polygon of many corners, None for others."""
+    """Return (x, y, radius) of a nearly regular polygon of 16 corners or more, otherwise None."""
     if len(vertices) < _LEAST_CORNERS:
         return None
     corners = np.asarray(vertices)
@@ -274,9 +274,10 @@ def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
 
 def _find_room(mission: Mission, middle: Array, size: float) -> list[float]:
     """
-    Return the first place, on rings of growing radius, with a free square of side 2 size.
+    Return the place nearest to the middle, on rings `size` apart, with room for a new member.
 
-    Free is what is in the fence and off zones, starts and goals. If none is, return the middle.
+    Room is a square of side 2 size that is inside the fence and away from zones, starts and goals,
+    with the tracking margin. Without room on _MOST_RINGS rings, the middle is returned.
     """
     margin = mission['tracking_margin']
     taken = [shapely.Polygon(zone['vertices']).buffer(margin + 0.2 * size)

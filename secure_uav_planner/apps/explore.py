@@ -57,6 +57,7 @@ class Editor:
     """
 
     def __init__(self, source: MissionText) -> None:
+        """Begin with the mission of `source`; nothing is planned yet."""
         self.version, self.problem, self.progress = 0, '', ''
         self.plan: Plan | None = None
         self.kept: Plan | None = None
@@ -122,7 +123,7 @@ class Editor:
 
 
 def explore_mission(options: argparse.Namespace) -> None:
-    """Serve the page on this computer, open it in a browser, and return after Ctrl-C."""
+    """Serve a page of the mission, or of the example, in a browser here; return after Ctrl-C."""
     source = load_input(options.mission or str(EXAMPLE), MissionText)
     try:
         listener = socket.create_server((_HOST, options.port))
@@ -142,7 +143,7 @@ def explore_mission(options: argparse.Namespace) -> None:
 
 
 def make_app(source: MissionText, port: int) -> Dash:
-    """Return the Dash app of a mission, which answers only pages of its own from this port."""
+    """Return the Dash app of a mission, with an Editor for each page; other sites get 403."""
     app = Dash(__name__, title='explore', update_title='', index_string=PAGE)
     app.server.config['MAX_CONTENT_LENGTH'] = 2 * MOST_BYTES
     editors: dict[str, Editor] = {}
@@ -198,7 +199,7 @@ def make_app(source: MissionText, port: int) -> Dash:
         Input('version', 'data'), Input('tick', 'n_intervals'), Input('keep', 'n_clicks'),
         State('drawn', 'data'), State('page', 'data'))
     def follow(_: int, ticks: int, clicks: Any, drawn: int, page: str) -> Any:
-        """Show the mission and its plan or progress; `drawn` is the version of the shapes."""
+        """Show the mission, its plan or progress; `drawn` is the version whose shapes it shows."""
         if page not in editors:  # The server was started anew: the page must be reloaded.
             return (*[no_update] * 3, 'old', no_update, _OLDER, 'failed', '', ticks, drawn)
         editor = editors[page]

@@ -60,14 +60,13 @@ class MissionText:
 
     def change(self, text: str, before: Mission, after: Mission) -> str:
         """
-        Return the text of a mission after an edit.
+        Return `text` with the edit from mission `before` to mission `after`.
 
         Values that stay keep their notation, such as degrees, and comments beside them stay. If
         no such text is found, the mission is written anew without comments.
 
         :param text: text of the mission `before`.
-        :param before: mission before the edit, as to_mission returns it.
-        :param after: mission after the edit.
+        :param before: mission before the edit, as to_mission returns it; `after` is like it.
         """
         for list_changes in (_list_changes, _list_fields):
             with suppress(MissionFileError, yaml.YAMLError, LookupError, TypeError):
@@ -77,7 +76,7 @@ class MissionText:
         return format_document(_YAML, after)
 
     def _is_text_of(self, text: str, mission: Mission) -> bool:
-        """Return True if a text has this mission, or if one of the two is invalid."""
+        """Return whether a text gives this mission; True also if text or mission is invalid."""
         try:
             return to_mission(self.read(text)) == to_mission(Scenario.from_dict(mission))
         except ScenarioError:
@@ -86,7 +85,7 @@ class MissionText:
 
 def _rewrite(text: str, before: Mission, after: Mission, list_changes: Any) -> str | None:
     """
-    Return a text with the changes from one mission to another, or None if _MOST_PASSES are short.
+    Return a text with the changes from `before` to `after`, None if _MOST_PASSES do not suffice.
 
     :param list_changes: _list_changes for the smallest changes, or _list_fields for whole fields,
         if other values of the text refer to the changed ones.
@@ -132,8 +131,8 @@ def _compare_lists(present: list[Any], wanted: list[Any], path: FieldPath) -> It
     """
     Yield (path, new value or _REMOVED) of the changes from one list to another.
 
-    Lists of equal length with a list or mapping have changes inside items. Otherwise items are
-    appended, one item is removed, or the whole list is replaced.
+    If the lists have equal length and `wanted` holds lists or mappings, changes are inside items.
+    Otherwise items are appended, one item is removed, or the whole list is replaced.
     """
     shared = min(len(present), len(wanted))
     changed = next((index for index in range(shared) if present[index] != wanted[index]), shared)
@@ -194,19 +193,20 @@ def _find_edit(text: str, root: yaml.Node, path: FieldPath, value: Any, wanted: 
     for key in path:
         child = _find_child(nodes[-1], key)
         if child is None:
-            return _add_value(text, nodes[-1], path[:len(nodes)], wanted)
+            return _find_insertion(text, nodes[-1], path[:len(nodes)], wanted)
         nodes.append(child)
     owner, node = nodes[-2:]
     if value is not _REMOVED:
         return node.start_mark.index, _find_end(text, node), format_value(value)
     if not owner.flow_style:
-        return _find_lines(text, owner, path[-1])
+        return _find_removal(text, owner, path[-1])
     # A list or mapping in one line is written anew.
     return (owner.start_mark.index, owner.end_mark.index,
             format_value(reduce(operator.getitem, path[:-1], wanted)))
 
 
-def _add_value(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tuple[int, int, str]:
+def _find_insertion(text: str, node: yaml.Node, path: FieldPath, wanted: Any) -> tuple[
+        int, int, str]:
     """
     Return the edit (start, end, words) that appends the wanted value at a path to its owner.
 
@@ -258,7 +258,7 @@ def _find_line_end(text: str, place: int) -> int:
     return len(text) if end < 0 else end
 
 
-def _find_lines(text: str, owner: yaml.Node, key: Any) -> tuple[int, int, str]:
+def _find_removal(text: str, owner: yaml.Node, key: Any) -> tuple[int, int, str]:
     """Return the edit (start, end, '') that removes an item's lines from a block-style owner."""
     if isinstance(owner, yaml.MappingNode):
         node, value = next(item for item in owner.value if item[0].value == key)

@@ -158,7 +158,7 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
 
 
 def _note_degrees(scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each group of places in m that may be degrees: it is below _DEGREE wide."""
+    """Yield a note on each group of places [m] that may be degrees: < _DEGREE wide, all <= 180."""
     groups: list[tuple[str, ArrayLike]] = [('starts, goals and receivers', scenario.landmarks), *(
         (name, zone.vertices) for name, zone in zip(
             scenario.zone_names, scenario.no_fly_zones, strict=True))]
@@ -177,7 +177,7 @@ def _describe_budgets(scenario: Scenario) -> Iterator[str]:
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:
             hovering = float(uav.propulsion.power(0.0)) * scenario.slot_duration * (
-                scenario.slots + 2)  # A flight with an acceleration limit lasts N + 2 slots.
+                scenario.slots + 2)  # max_energy needs max_acceleration: N + 2 slots of flight.
             yield (f'{uav.name}: by the model, hovering all the time takes '
                    f'{hovering / uav.max_energy:.0%} of max_energy, and the straight way '
                    f'{energy / uav.max_energy:.0%}')

@@ -162,7 +162,7 @@ def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progr
 
 def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _Progress
                     ) -> list[Plan]:
-    """Return fly-hover-fly with constant and optimised power, until a stop; print failures."""
+    """Return fly-hover-fly at constant and optimised power, until a stop; print failures."""
     plans: list[Plan] = []
     for power in ('constant', 'optimised'):
         if progress.show(f'fly-hover-fly with {power} power ...', force=True):

@@ -60,7 +60,7 @@ def make_frame(rows: Sequence[Row]) -> 'DataFrame':
 
 
 def _is_plain(values: list[Any]) -> bool:
-    """Return True if values, beside null, are a column of numbers or of booleans."""
+    """Return True if all values but null are booleans, or all are numbers from -2^53 to 2^53."""
     values = [value for value in values if value is not None]
     return all(isinstance(value, bool) for value in values) or all(
         isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -174,8 +174,8 @@ def _style_line(frame: Any, method: str, second: str) -> tuple[str, Any, str]:
     """
     Return colour, dash and label of the line of a method and a value of the second field.
 
-    With a second field, each of its values has a colour, and each method has a dash. Without a
-    second field, `second` is '', each method of solve has a colour, and baselines are grey.
+    Each method has a dash. With a second field, each `second` value has a colour. Without a second
+    field, `second` is '', baselines are grey, and each other method has a colour.
     """
     from ..output.drawing import scheme_dash, scheme_name, uav_color
     methods = frame.method.unique().tolist()
@@ -216,7 +216,7 @@ def _draw_points(axes: Any, medians: Any, flown: Any, asked: Any, color: str) ->
 
 def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
                 chosen: Sequence[str | None]) -> None:
-    """Add a legend with notes above all axes, and height for it; `chosen`: see _choose_fields."""
+    """Add a legend with notes above all axes, and height for it; `chosen`: by _choose_fields."""
     handles = {label: handle for axes in grid.flat
                for handle, label in zip(*axes.get_legend_handles_labels())}
     name, second, *_ = chosen
@@ -241,7 +241,7 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
 
 
 def _list_failures(frame: Any, name: str | None) -> list[str]:
-    """Return a list of at most one line: how many missions could not be flown, at which x."""
+    """Return [one line on how many missions could not be flown, at which x], [] if all could."""
     failed = frame.rate.isna()
     if not failed.any():
         return []
@@ -275,11 +275,11 @@ def _unit(field: str) -> str:
 
 def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
     """
-    Return the names of the field x and the second, third and fourth field, each None if missing.
+    Return the names of the field x, the second, third and fourth field; None for no such field.
 
-    x is the first varying field whose values are all numbers, with at most max(2, R // 2) values
-    in R rows; truth values are no numbers. Each later field varies and has at most
-    min(_MOST_LINES, R // 2) values.
+    x is the first varying field whose values are all numbers, not booleans, with at most
+    max(2, R // 2) different values in R rows. The other fields vary and have at most
+    min(_MOST_LINES, R // 2) different values. Without a field x, all four are None.
     """
     samples = len({row['sample'] for row in rows})
     value_counts = {}

@@ -142,7 +142,7 @@ class Assessment:
 def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = None,
            flown: ArrayLike | None = None) -> Assessment:
     """
-    Evaluate a plan in random worlds that differ from the one it was made for (Monte Carlo).
+    Return the Assessment of a plan in random worlds, which differ from the planned one.
 
     :param plan: a Plan.
     :param draws: how many worlds are drawn.
@@ -163,7 +163,8 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     positions = plan.positions[:, 1:-1] if flown is None else _checked_flown(flown, plan, world)
     promised = promised_rates(plan)
     step, count = scenario.slot_duration, scenario.slots
-    # Rates of the ground nodes summed over the slots, (G, D), and bits delivered in each draw.
+    # Rates of the ground nodes summed over the slots, (G, D), and bit/Hz delivered in each draw. A
+    # slot delivers its promised rate, and nothing if the rate of the draw is lower.
     sums, delivered = np.zeros((len(plan.shares), draws)), np.zeros(draws)
     fan, outages = np.empty((len(FAN), count)), np.empty(count)
     for slot, node_rates in enumerate(
@@ -228,7 +229,7 @@ def _checked_flown(flown: ArrayLike, plan: Plan, world: World) -> Array:
 def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed: int,
                     world: World) -> Iterator[Array]:
     """
-    Yield, for each slot, the rate of each ground node minus its leak, (G, D) in bit/s/Hz.
+    Yield, for each slot, the rate minus leak of each ground node, (G, D) in bit/s/Hz, of any sign.
 
     The leak is the largest rate of an eavesdropper or of another node that is not trusted, or the
     rate of all together if they collude. The R receivers are the G nodes, then the eavesdroppers.
@@ -252,7 +253,7 @@ def _simulate_rates(scenario: Scenario, positions: Array, powers: Array, draws: 
         sights = draw_sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
         fading = draw_fading(channel.rician_k_db, (len(positions), count), draws, seed)
-    # The link has mean gains; lines of sight and fading are drawn on top.
+    # The link of all receivers has mean gains; lines of sight and fading are drawn on top.
     link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
     slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None],

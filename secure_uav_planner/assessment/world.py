@@ -151,9 +151,12 @@ def _scale_offsets(world: World, radii: Array, numbers: Array) -> Array:
     """
     Return the offsets of eavesdroppers from the centres of their discs, (D, E, 2) in m.
 
-    For a 'normal' place, numbers are standard normal. Otherwise they are (share, turn) in [0, 1):
-    the distance is uniform by area from inner to outer radius, and the angle is 2 pi turn. For a
-    'fixed' place, numbers and offsets are 0. Numbers are (D, E, 2), and radii (E,) in m.
+    A 'normal' place takes standard normal numbers. For a 'fixed' place, numbers and offsets are 0.
+    Otherwise numbers are (share, turn) in [0, 1): the angle is 2 pi turn, and the place is uniform
+    by area from radius 0 to `radii`, or for 'beyond' from `radii` to `radii` + world.beyond.
+
+    :param radii: radii of the discs, (E,) in m.
+    :param numbers: random numbers, (D, E, 2).
     """
     if world.place == 'normal':
         roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
@@ -171,7 +174,8 @@ def draw_tracking_errors(scenario: Scenario, world: World, draws: int,
     Yield the offsets of the UAVs from their plan in each slot, (U, D, 2) in m, without end.
 
     The offsets are a stationary Gauss-Markov process, x[n+1] = c x[n] + s sqrt(1 - c^2) w[n], with
-    c = exp(-slot / tracking_time), s = tracking_std and w standard normal, in x and in y.
+    c = exp(-slot / tracking_time), s = tracking_std and w standard normal, in x and in y. For a
+    tracking_time of 0, c is 0.
     """
     rng, shape = make_stream(seed, _TRACKING), (len(scenario.uavs), draws, 2)
     step, decay = scenario.slot_duration, world.tracking_time

@@ -66,6 +66,7 @@ class Setpoint:
     yaw_rate: float | None = None
 
     def __post_init__(self) -> None:
+        """Refuse numbers beyond COORDINATE."""
         for name in ('position', 'yaw', 'velocity', 'acceleration', 'yaw_rate'):
             value = getattr(self, name)
             low, high = COORDINATE.low, COORDINATE.high

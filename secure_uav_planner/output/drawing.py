@@ -55,7 +55,7 @@ def scheme_dash(method):
 
 
 def distinct_paths(baselines):
-    """Return (baseline, name of its scheme without power), one for each set of equal paths."""
+    """Return (baseline, its scheme without the power) of the first of each set of equal paths."""
     distinct = []
     for baseline in baselines:
         if not any(np.array_equal(baseline.positions, earlier.positions)
@@ -89,7 +89,7 @@ def add_legend(axes, *entries, **options):
 
 
 def rate_label(plan):
-    """Return one line with both rates over the promised slots of a Plan, and their caveats."""
+    """Return a line: both rates over a Plan's promised slots; caveats if not all is guaranteed."""
     channel = plan.scenario.channel
     caveat = '' if channel.is_guarantee else f' {channel.promise}'
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
@@ -161,7 +161,12 @@ def list_tracks(scenario, times):
 
 
 def shown_discs(scenario):
-    """Return each eavesdropper's list of discs (time, centre, radius): 3 if it moves, else 1."""
+    """
+    Return for each eavesdropper the list of its drawn discs (time [s], centre, radius [m]).
+
+    Without a track it has one disc, at time 0. With a track it has three, also at duration / 2
+    and at duration.
+    """
     times = [0.0, scenario.duration / 2, scenario.duration]
     _, centres, radii = scenario.receivers_at(times)
     return [list(zip(times, track, reach.tolist()))[:3 if eve.track else 1]
@@ -169,7 +174,7 @@ def shown_discs(scenario):
 
 
 def map_extent(scenario, plans=()):
-    """Return the map's corners (2, 2) [m], lower left and upper right, with a margin of 7%."""
+    """Return the map's corners (2, 2) [m], lower left and upper right, 7% around what it shows."""
     _, centres, radii = scenario.receivers
     points = np.concatenate([
         scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),

@@ -22,10 +22,10 @@ _LEAST_RANGE = 1e-9  # Range of rates [bit/s/Hz] below which the histogram is 1 
 
 @contextmanager
 def own_settings():
-    """Use Matplotlib's default settings with the user's fonts, which may have more scripts."""
+    """Use Matplotlib's default settings with the user's fonts, for names in other alphabets."""
     fonts = {name: rcParams[name] for name in ('font.family', 'font.sans-serif', 'font.serif')}
     with style.context(['default', fonts]), warnings.catch_warnings():
-        # A name may be in a script that the font lacks; Matplotlib then draws boxes and warns.
+        # If a font lacks the letters of a name, Matplotlib draws boxes and warns.
         warnings.filterwarnings('ignore', message='Glyph .* missing')
         yield
 

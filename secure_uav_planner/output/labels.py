@@ -29,7 +29,7 @@ class MapLabels:
 
     def add(self, text, place, direction=0.0, avoid=(), is_needed=False, **style):
         """
-        Write a text beside a place, or nothing if there is no room and it is not needed.
+        Write a text beside a place; without room in the map, only if `is_needed`.
 
         :param place: (2,) in m.
         :param direction: direction from the place that is tried first, in rad from the east.

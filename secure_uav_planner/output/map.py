@@ -136,7 +136,7 @@ def _escape(text):
 
 
 def draw_ground(axes, scenario):
-    """Draw ground nodes, eavesdroppers with discs and tracks, zones and fence, with labels."""
+    """Draw receivers, discs, tracks, zones and fence, with entries for the legend and no texts."""
     for index, (node, name) in enumerate(zip(scenario.ground_nodes, node_labels(scenario))):
         axes.plot(*node.position, '^', **_marker_style(node_color(scenario, index), 10), zorder=6,
                   label=wrap_name(name))
@@ -166,7 +166,7 @@ def _draw_tracks(axes, scenario):
 
 
 def draw_ends(axes, index, start, goal):
-    """Draw start (circle) and goal (square), larger and lower for a later UAV: all are seen."""
+    """Draw a UAV's start (circle) and goal (square), larger and further behind by its index."""
     for point, marker in ((start, 'o'), (goal, 's')):
         axes.plot(*point, marker, color='white', markeredgecolor=uav_color(index),
                   markeredgewidth=1.5, markersize=(0.7 + 0.4 * index) * rcParams['font.size'],

@@ -61,6 +61,8 @@ def lay_out_sheet(figure, parts, title, title_size):
     """
     Place a map and two charts with their legends in a figure, whose width stays.
 
+    The charts are beside the map if the figure is wide enough and the map is not flat, else below.
+
     :param parts: the Part of the map, of the powers and of the rates.
     :param title: lines of text above the parts.
     :param title_size: font size of the title in points.

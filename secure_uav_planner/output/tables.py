@@ -91,7 +91,7 @@ def assessment_table(assessment: Any) -> str:
 
 
 def _name_slots(assessment: Any) -> str:
-    """Return the slots with the largest outage as text: the first and the last with its begin."""
+    """Return text on the slots of the largest outage: the first and the last with their times."""
     slots = np.flatnonzero(assessment.outages == assessment.outage) + 1
     times = assessment.plan.times[slots]
     if len(slots) == 1:

@@ -27,13 +27,16 @@ class PlanTraces:
     """
 
     def __init__(self, plan):
+        """
+        Set arrays with an entry for each point, 0 to N+1.
+
+        Slot n lasts from point n to point n + 1, n = 1..N: power and rate are 0 at the points 0
+        and N+1, and the bits [bit/Hz] delivered until a point are 0 at the points 0 and 1.
+        """
         self.plan = plan
         scenario = plan.scenario
         self.peak = max(uav.peak_power for uav in scenario.uavs)
         step = scenario.slot_duration
-        # All arrays have an entry for each point, 0 to N+1. Slot n lasts from point n to point
-        # n + 1, n = 1..N: power and rate are 0 at the points 0 and N+1, and the bits [bit/Hz]
-        # delivered until a point are 0 at the points 0 and 1.
         self.delivered, self.worst_delivered = (
             step * np.cumsum(np.pad(rates, (2, 0)))
             for rates in (plan.guaranteed_rates, plan.worst_case_rates))

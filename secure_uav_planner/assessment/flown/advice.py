@@ -23,7 +23,7 @@ def advise(flight: FlownFlight, uavs: Mapping[str, UavErrors], cross_tracks: Arr
 
     Without a measured UAV there is none.
 
-    :param uavs: errors by UAV.
+    :param uavs: errors by UAV; a UAV with a finite error_rms_m is measured.
     :param cross_tracks: distance of each UAV from its planned path at flight.times, (U, K) in m.
     """
     measured = [errors for errors in uavs.values() if math.isfinite(errors.error_rms_m)]
@@ -58,9 +58,9 @@ def _has_constant_delay(flight: FlownFlight, index: int) -> bool:
 
 def _find_lagging(flight: FlownFlight, cross_tracks: Array) -> list[str]:
     """
-    Return advice on max_acceleration for UAVs whose errors follow the planned acceleration.
+    Return advice to lower a max_acceleration if a UAV's errors follow its planned acceleration.
 
-    Their correlation is above _LAGGING, and the largest error is _LARGE_M or more.
+    Errors follow it if their correlation is above _LAGGING and the largest is _LARGE_M or more.
     """
     accelerations = np.linalg.norm(flight.course.at(flight.times).accelerations, axis=-1)
     advice = []

@@ -79,7 +79,7 @@ def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 
 def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) -> Array:
-    """Return the log's time [s] at times (K,) of the plan; NaN outside of plan_time's reports."""
+    """Return the log's time [s] at times (K,) of the plan; NaN outside of reports of plan_time."""
     if source != 'plan_time':
         return times + shift.seconds
     assert log.plan_times is not None
@@ -88,7 +88,7 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) 
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
-    """Return the Shift by reports: median of log minus plan time [s], and largest deviation."""
+    """Return the Shift by plan_time: median of log minus plan [s], largest deviation from it."""
     if log.plan_times is None:
         raise LogFileError('it has no plan_time of this plan')
     delays = np.subtract(*log.plan_times)
@@ -97,7 +97,7 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift: median over UAVs of departure in log minus in plan, half the spread."""
+    """Return the Shift: median over UAVs of departure in log minus in plan; half of the range."""
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []
@@ -119,8 +119,9 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
     :param uavs: index of the UAV of each log.
     :param is_moved: True if each log's frame may be displaced: its mean difference is subtracted.
-    :raises LogFileError: if two shifts are alike, as after several flights of one plan, if none
-        fits, if the logs cover too little of the plan, or if they are longer than _LONGEST_S.
+    :raises LogFileError: if a second minimum over _APART_S away has nearly the same RMS, as after
+        several flights of one plan or if nothing fits, if every shift covers less than the share
+        _LEAST_OVERLAP of the plan, or if the logs are longer than _LONGEST_S.
     """
     first = min(log.times[0] for log in logs)
     length = max(log.times[-1] for log in logs) - first
@@ -156,10 +157,13 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
 
 def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, float]:
     """
-    Return the index of the least local minimum over _APART_S from the best, and its RMS [m].
+    Return index and RMS [m] of the least local minimum over _APART_S from the best; inf if none.
+
+    The first lag over _APART_S away is a minimum if the mean of the next lag is not smaller.
 
     :param lags: lags [s], STEP_S apart, (L,).
     :param means: mean squared distance at each lag, (L,) in m^2.
+    :param best: index of the least mean.
     """
     apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
     is_minimum = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] <= apart[1:], True]
@@ -222,7 +226,7 @@ def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], 
 
 
 def _refine_lag(lags: Array, means: Array, best: int) -> float:
-    """Return the lag [s] at the minimum of a parabola through the best mean and its neighbours."""
+    """Return the lag [s] at the minimum of the parabola through the least mean and both beside."""
     if not 0 < best < len(means) - 1 or not np.isfinite(means[best - 1:best + 2]).all():
         return float(lags[best])
     before, here, after = means[best - 1:best + 2]

@@ -48,7 +48,8 @@ class FlightBag:
         """
         Return the logs with the times of a plan added, and the course of the plan and its replans.
 
-        In a bag without reports, logs get no times, and a plan is in force since its publication.
+        The reports on plan_time of the last flight give the times and the course. In a bag without
+        reports, the logs get no times, and a plan is in force from its publication on.
 
         :raises LogFileError: for a bag without a flight of this plan.
         """
@@ -69,7 +70,7 @@ class FlightBag:
 
     def _find_revisions(self, plan: Plan) -> dict[str, Plan]:
         """
-        Return a plan and its replans by identity: plans with its start and its times of points.
+        Return by identity the given plan, and each published plan with the same start and times.
 
         :raises LogFileError: if plans were published or flown, and the given one was not.
         """
@@ -91,6 +92,7 @@ class FlightBag:
         A new flight begins where the reported time of the plan goes back by over _RESTART_NS.
 
         :param revisions: the plan and its replans by identity.
+        :raises LogFileError: if no report has the identity of a revision.
         """
         flown = [report for report in self.reports if report.identity in revisions]
         if not flown:
@@ -126,7 +128,7 @@ def _make_course(in_force: Iterable[tuple[str, float]], plans: dict[str, Plan], 
 
 def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
     """
-    Return a plan whose promise ends at the first report of a flight that is early or late.
+    Return a plan whose promise ends before the slot of its first report that is early or late.
 
     A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
     where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
@@ -271,7 +273,7 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _list_state(message: Any) -> tuple[float, ...]:
-    """Return x, y, z [m] and the velocity in x and y [m/s] of an Odometry, in the fixed frame."""
+    """Return x, y, z [m] and velocity in x and y [m/s] of a level vehicle in the fixed frame."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     twist = message.twist.twist.linear  # The twist is in the vehicle's frame.
     sine = 2 * (turn.w * turn.z + turn.x * turn.y)

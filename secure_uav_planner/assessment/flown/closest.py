@@ -20,7 +20,7 @@ class Closest(NamedTuple):
 
 
 def find_separation(flight: FlownFlight) -> Closest | None:
-    """Return the smallest distance between two UAVs in space, or None for one UAV."""
+    """Return the smallest distance in 3D between two UAVs at one time, or None for one UAV."""
     places = _fill_heights(flight)
     return _find_least(flight.times, {
         f'{first} and {second}': np.linalg.norm(places[first] - places[second], axis=1)
@@ -28,7 +28,12 @@ def find_separation(flight: FlownFlight) -> Closest | None:
 
 
 def find_zone(flight: FlownFlight) -> Closest | None:
-    """Return the least distance to zones within margin of a UAV's height, < 0 inside, or None."""
+    """
+    Return the least horizontal distance of a UAV to a no-fly zone, < 0 inside, or None.
+
+    Only times count at which the UAV's height is between floor - margin and ceiling + margin of
+    the zone, with the tracking margin of the mission.
+    """
     scenario, margin = flight.plan.scenario, flight.plan.scenario.tracking_margin
     return _find_least(flight.times, {
         f'{name} and {zone_name}': np.where(
@@ -39,7 +44,7 @@ def find_zone(flight: FlownFlight) -> Closest | None:
 
 
 def find_fence(flight: FlownFlight) -> Closest | None:
-    """Return the smallest distance to the geofence, negative outside, or None without one."""
+    """Return the least distance of a UAV to the geofence, < 0 outside, or None without one."""
     fence = flight.plan.scenario.geofence
     return _find_least(flight.times, {} if fence is None else {
         name: _measure_depths(fence, path) for name, path in _fill_heights(flight).items()})
@@ -55,7 +60,7 @@ def _fill_heights(flight: FlownFlight) -> dict[str, Array]:
 
 
 def _measure_depths(vertices: Vertices, path: Array) -> Array:
-    """Return the distances of a path (K, 3) from an outline, negative outside, (K,) in m."""
+    """Return horizontal distances (K,) [m] of a path (K, 3) to an outline, negative outside."""
     polygon, points = shapely.Polygon(vertices), shapely.points(np.nan_to_num(path[:, :2]))
     depths = np.where(shapely.contains(polygon, points), 1.0, -1.0) * shapely.distance(
         polygon.exterior, points)
@@ -63,7 +68,7 @@ def _measure_depths(vertices: Vertices, path: Array) -> Array:
 
 
 def _find_least(times: Array, distances: dict[str, Array]) -> Closest | None:
-    """Return the Closest of `distances`: (K,) [m] at times (K,) by names; None if all are NaN."""
+    """Return the least of all distances (K,) [m], with time and names; None if all are NaN."""
     closest = [Closest(float(values[index]), float(times[index]), names)
                for names, values in distances.items() if np.isfinite(values).any()
                for index in [int(np.nanargmin(values))]]

@@ -186,7 +186,7 @@ class Comparison:
 
 def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     """
-    Compare a flight with its plan.
+    Return the Comparison of a flight with its plan: errors, distances, rates and broken slots.
 
     :param plan: the Plan that the flight was read for, or a replan in the same flight.
     :param flight: a FlownFlight by read_flight. Each slot of a flight with replans is compared

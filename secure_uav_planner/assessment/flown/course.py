@@ -38,7 +38,7 @@ class Course(NamedTuple):
         return self.last.curve.end
 
     def at(self, times: Array) -> Motion:
-        """Return the planned motion at times (K,) in s from point 0, as Curve.at."""
+        """Return the Motion of the plan in force at each of times (K,) in s from point 0."""
         numbers = self._find_numbers(times)
         parts = [np.where(numbers == number)[0] for number in range(len(self.plans))]
         pieces = [plan.curve.at(times[part])

@@ -26,6 +26,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
         """A reader that refuses messages of no length, which pymavlink reads for ever."""
 
         def _parse_next(self) -> Any:
+            """Return the next message; refuse one that does not advance the reader's offset."""
             begin = self.offset
             message = super()._parse_next()
             if message is not None and self.offset <= begin:
@@ -41,7 +42,7 @@ def read_dataflash(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _read_table(reader: Any) -> dict[str, Array]:
-    """Return a table by message type: in a row, time [s] and `columns`, 0 for a missing one."""
+    """Return by message type the rows (time [s], `columns`), with 0 for a missing column."""
     columns = {
         **dict.fromkeys(_ESTIMATES, ('C', 'PE', 'PN', 'PD', 'VE', 'VN', 'VD')),
         'ORGN': ('Type', 'Lat', 'Lng'), 'GPS': ('GWk', 'GMS', 'Status'),
@@ -83,10 +84,10 @@ def _read(reader: Any) -> VehicleLog:
 
 
 def _find_utc_offset(table: dict[str, Any]) -> float | None:
-    """Return the median of UTC minus the log's time [s] by GPS fixes in space, or None."""
+    """Return the median of UTC minus the log's time [s] over 3D fixes of GPS, None without one."""
     if 'GPS' not in table:
         return None
-    # Columns are time [s], week, ms of the week, and status: 3 for a fix in space.
+    # Columns are time [s], week, ms of the week, and status: 3 or more for a 3D fix.
     fixes = table['GPS'][(table['GPS'][:, 3] >= 3) & (table['GPS'][:, 1] > 0)]
     if not len(fixes):
         return None

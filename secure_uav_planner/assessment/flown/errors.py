@@ -106,8 +106,8 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
     Return the cross-track errors of a UAV at flight.times, (K,) in m; NaN in gaps.
 
     Each is the distance from the nearest point of the planned path, positive on its left. That
-    point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, from t - delay.
-    While the plan hovers, the error is the distance from the hovering point.
+    point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, from t - delay,
+    each of at most 1 s. While the plan hovers, the error is the distance from the hovering point.
 
     :param delay: time [s] by which the UAV is behind its plan, or NaN, taken as 0.
     """
@@ -130,7 +130,7 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
 
 
 def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, float]:
-    """Return largest speed [m/s] and acceleration over _WINDOW_S [m/s^2], and energy [J] flown."""
+    """Return the largest speed [m/s] and acceleration [m/s^2], and the energy [J] by the model."""
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     clock = clock[np.isfinite(clock)]
     # Speeds and energy are measured on the log's clock, since the plan's time stops in a pause.
@@ -140,9 +140,9 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
     velocities = flight.logs[uav.name].velocities_at(times)
     window = max(1, round(_WINDOW_S / STEP_S))
     changes = np.linalg.norm(velocities[window:] - velocities[:-window], axis=1)
-    known = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
-    energy = math.nan if uav.propulsion is None or not known.any() else float(integrate_powers(
-        (uav,), velocities[:-1][known][None], velocities[1:][known][None], STEP_S).sum())
+    is_step = np.isfinite(velocities[1:, 0]) & np.isfinite(velocities[:-1, 0])
+    energy = math.nan if uav.propulsion is None or not is_step.any() else float(integrate_powers(
+        (uav,), velocities[:-1][is_step][None], velocities[1:][is_step][None], STEP_S).sum())
     return (_compute_quantile(np.linalg.norm(velocities, axis=1), 1.0),
             _compute_quantile(changes, 1.0) / (window * STEP_S), energy)
 

@@ -60,7 +60,7 @@ class VehicleLog:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Drop samples without a position or not after all earlier ones; find further jumps."""
+        """Drop samples without a position or not later than all before; find further jumps."""
         times, positions = np.asarray(self.times, float), np.asarray(self.positions, float)
         valid = np.isfinite(times) & np.isfinite(positions[:, :2]).all(axis=1)
         latest = np.maximum.accumulate(times[valid])  # Latest time up to each sample.

@@ -29,7 +29,7 @@ def place_logs(logs: Mapping[str, VehicleLog], scenario: Scenario, shifts: objec
     mission. If one of these is missing, the log is returned as it is.
 
     :param shifts: position (x, y) in m of the origin of a log in the plan's frame, by UAV. UAVs
-        may be missing; None has no UAV.
+        may be missing; None is no shift at all.
     :raises OptionError: for wrong shifts.
     """
     shifts = {} if shifts is None else shifts
@@ -54,10 +54,11 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
     """
     Refuse a log whose first position in the flight is too far from the plan: frames differ.
 
-    The largest distance is START_TOLERANCE_M or the tracking margin, the larger of the two.
+    The distance may be at most the larger one of START_TOLERANCE_M and the tracking margin.
 
     :param clock: the log's time in s at times (K,) of the plan.
-    :raises LogFileError: with the option to type, such as --shift, if one lets the log fit.
+    :raises LogFileError: also without a position in the flight; with the option to type, such as
+        --shift, if one lets the log fit.
     """
     scenario = course.last.scenario
     name, tolerance = scenario.uavs[uav].name, max(START_TOLERANCE_M, scenario.tracking_margin)
@@ -77,9 +78,10 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
 
 def _suggest(log: VehicleLog, course: Course, uav: int, tolerance: float) -> str:
     """
-    Return what to type for a log in another frame: --shift or --at fit; '' if nothing fits.
+    Return text on a log that is too far from its plan: the option to type, '' if nothing fits.
 
-    If the log fits with x and y swapped, the text says so instead.
+    The option is --shift for another frame, and --at fit if only the time differs. If the log fits
+    with x and y swapped, the text says so instead.
     """
     name = course.last.scenario.uavs[uav].name
     swapped = VehicleLog(log.times, log.positions[:, [1, 0, 2]])

@@ -54,7 +54,7 @@ def read_csv(path: str | os.PathLike[str], uavs: tuple[str, ...]) -> dict[str, V
 
 
 def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log in lines `t x y z qx qy qz qw`, in s and in m in the plan's frame."""
+    """Return the log in lines `t x y z qx qy qz qw`: s, m in the plan's frame, q is ignored."""
     if not Path(path).stat().st_size:
         raise LogFileError('it is empty')
     try:
@@ -69,7 +69,7 @@ def read_tum(path: str | os.PathLike[str]) -> VehicleLog:
 
 
 def _make_log(table: dict[str, np.ndarray]) -> VehicleLog:
-    """Return the log of columns by name; z is NaN if it is missing. Times from _EPOCH are UTC."""
+    """Return the log of columns by name; NaN for no z. A median time above _EPOCH means UTC."""
     times = table['time']
     no_heights = np.full_like(times, np.nan)
     positions = np.stack([table['x'], table['y'], table.get('z', no_heights)], axis=-1)

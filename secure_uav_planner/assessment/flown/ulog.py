@@ -17,7 +17,7 @@ _US = 1e-6
 
 
 def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
-    """Return the log of a vehicle; positions and velocities become east, north and up."""
+    """Return the log of a PX4 vehicle with valid positions; all is east, north and up."""
     from pyulog import ULog  # Here, since few need it.
     topics: dict[str, Any] = {}
     for dataset in ULog(os.fspath(path), _TOPICS, disable_str_exceptions=True).data_list:
@@ -57,7 +57,8 @@ def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, floa
     """
     Return `positions` (K, 3) [m], moved in place into the first frame with a valid reference.
 
-    The second result is the reference of this frame, (latitude, longitude) in degrees, or None.
+    The second result is the reference of this frame, (latitude, longitude) in degrees. Without a
+    valid reference it is None, and nothing is moved.
     """
     if 'ref_lat' not in local:
         return positions, None
@@ -95,7 +96,7 @@ def _find_utc_offset(topics: dict[str, Any]) -> float | None:
 
 
 def _integrate_battery(data: Any) -> tuple[Array, Array] | None:
-    """Return times [s] and energy drawn since the first [J], the integral of U max(I, 0)."""
+    """Return times [s] and energy drawn [J], the integral of U max(I, 0); None without U, I."""
     if data is None:
         return None
     names = [('voltage_v', 'current_a'), ('voltage_filtered_v', 'current_filtered_a')]
