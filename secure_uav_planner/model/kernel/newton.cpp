@@ -65,7 +65,7 @@ public:
     }
 
     // Find the shares that are best for x, choose lines, decide which energies get prices,
-    // evaluate, and set the duals to their central values: weight of the barrier term over slack.
+    // evaluate, and set duals: to the price, or to the weight of the barrier term over the slack.
     void initialise(Iterate& iterate) override {
         const double mu = find_mu(iterate);
         Evaluation& here = iterate.evaluation;
@@ -84,8 +84,9 @@ public:
     }
 
     // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
-    // If the system cannot be solved, the step is 0: x and shares stay, duals move, update_mu takes
-    // the start for stalled, and the outcome is `failed`. With a price that rises, mu stays.
+    // If the system cannot be solved, the step is 0 and the outcome is `failed`. Then, or if no
+    // trial along the step is better, x and shares stay, duals move, and update_mu takes the start
+    // for stalled. With a price that rises, mu stays.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
         const double mu = find_mu(iterate);
         update_evaluation(iterate);
@@ -119,7 +120,7 @@ public:
         return rates_.compute_least_mean(iterate);
     }
 
-    // Return the barrier function and fill its gradient, for tests. `hessian` is the objective's.
+    // Return the barrier function; fill its gradient and the objective's Newton matrix: for tests.
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
@@ -179,8 +180,8 @@ private:
         gradient_[n * size_ + j] = 0.0;
     }
 
-    // Move the duals along their step, with a length of at most 1 that keeps them positive. Move
-    // the iterate to the line search's last trial if it was `taken`.
+    // Move all duals along their step, with one length of at most 1 that keeps them positive. Move
+    // x, shares and evaluation to the line search's last trial if it was `taken`. Clip the duals.
     void move(Iterate& iterate, double mu, bool taken) {
         double length = 1.0;
         constraints_.find_dual_changes(iterate, mu, length);
@@ -223,6 +224,7 @@ std::unique_ptr<Newton> make_newton_for(const BarrierProblem& problem) {
 
 }  // namespace
 
+// Make a Newton that is compiled for the problem's channel model, or for any other model.
 std::unique_ptr<Newton> make_newton(const BarrierProblem& problem) {
     const LinkGains* gains = problem.gains.get();
     if (dynamic_cast<const FreeSpace*>(gains)) return make_newton_for<FreeSpace>(problem);
