@@ -115,9 +115,9 @@ public:
     }
 
     // Add the limits' primal-dual curvature in x to the band. A slack c of a power or a flight adds
-    // dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2. An energy adds only the dual times its Hessian, in
-    // which 0 replaces negative eigenvalues. The outer products of average powers and energies
-    // couple all slots, and are in mean_ratio and fill_energy_rows.
+    // dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2. An energy adds only the dual times its Hessian, made
+    // positive semidefinite move by move. The outer products of average powers and energies couple
+    // all slots, and are in mean_ratio and fill_energy_rows.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {

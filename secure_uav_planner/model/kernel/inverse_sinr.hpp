@@ -103,8 +103,9 @@ public:
         return descend(best);
     }
 
-    // Descend to a local minimum of v by Newton steps in the disc, and along its edge where v falls
-    // outwards. The steps have a limited length and go downhill also where v is not convex.
+    // Return a local minimum of v, by Newton steps from `here` in the disc, and on its edge where
+    // v falls outwards. Steps go downhill also where v is not convex. The longest step is half the
+    // radius at first, doubles after a better step, and falls to a quarter after any other step.
     Candidate descend(Candidate here) const {
         double longest = 0.5 * radius_;
         if (!(radius_ > POINT)) return here;

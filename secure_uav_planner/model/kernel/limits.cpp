@@ -70,9 +70,8 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
         copy_reals(squares, "squares", vectors.count()));
 }
 
-// Make the energies of U UAVs, constant + sum of weight * power(|move|^2) over S moves: `moves` and
-// `weights` are (U, S), and `constants` (U). `terms`, (U, 4), are the power's blade_slope, induced,
-// induced_slope and drag of PowerTerms.
+// Make the energies of U UAVs, constant + sum of weight * power over S moves: `moves` and `weights`
+// are (U, S), `constants` (U), and `terms` (U, 4), the numbers of each UAV's PowerTerms in order.
 std::shared_ptr<Energies> make_energies(const Vectors& moves, const py::buffer& weights,
                                         const py::buffer& terms, const py::buffer& constants) {
     const std::size_t uavs = count_entries(terms) / 4;

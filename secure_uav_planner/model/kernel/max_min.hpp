@@ -63,10 +63,10 @@ public:
         for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu, here, prices, shares);
     }
 
-    // Extend the derivatives of a slot from x to its G - 1 variable shares; the first share is 1
-    // minus their sum. `rates` and `leaks` (G, V) are the gradients of the nodes' rates and leaks
-    // in the slot, and `block` (V, V) is the Hessian in x. Fill the `gradient` by the shares,
-    // (G - 1), and the `hessian` in x and shares, (V + G - 1, V + G - 1).
+    // Extend the objective's derivatives in slot n from x to the slot's G - 1 variable shares; the
+    // first share is 1 minus their sum. `rates` and `leaks` (G, V) are the nodes' gradients, and
+    // `block` (V, V) is the Hessian in x. Fill the `gradient` by shares, (G - 1), and the `hessian`
+    // in x and shares, (V + G - 1, V + G - 1). Keep gradients_ of (rate - leak) / weight.
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
                     const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;

@@ -54,7 +54,7 @@ public:
 
     // Fill `here` with the receptions and node rates at an x. Return the objective: for one node
     // the sum over the slots of (leak - rate), and for several nodes -N times the smoothed least of
-    // their mean rates over weight. A leak that is the largest of several rates is smoothed.
+    // their means, by MaxMin::evaluate. A leak that is the largest of several rates is smoothed.
     double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);

@@ -46,8 +46,8 @@ public:
         double weight;
     };
 
-    // `varies` (M, U): which points vary. `points` and `weights` (I, T): the points of each vector,
-    // of one UAV or first of one and then of another UAV. `constants` (I): added to the vectors.
+    // `varies` (M, U): which points vary. `points` (I, T), as n U + u, with `weights` (I, T): first
+    // points of one UAV, then, if at all, of another. `constants` (I): added to the vectors.
     // `differences`: whether weights of each UAV in a vector add up to 0. Weights 0 are left out.
     Vectors(int uavs, const std::vector<char>& varies, const std::vector<int>& points,
             const Reals& weights, std::vector<Point> constants, bool differences)
@@ -73,8 +73,8 @@ public:
         return slots == slots_ && uavs == std::size_t(uavs_);
     }
 
-    // The number of rows below the diagonal that second derivatives by x fill: the largest distance
-    // of two points' x coordinates in one vector, and 1 more for y.
+    // The number of rows below the diagonal that second derivatives by x fill: the largest
+    // difference of the indices in x of two points of one vector, and 1 more for y.
     int bandwidth() const {
         std::ptrdiff_t farthest = 0;
         for (std::size_t i = 0; i < count(); ++i)
