@@ -108,16 +108,16 @@ public:
         energy_gradient_.assign(p_.slots * p_.uavs * 3, 0.0);
         p_.energies->add_gradient(path_.data(), energy_gradient_.data());
         for_powers([&](std::size_t i, int u) {
-            const double price = iterate.over[u] ? find_price(iterate, u)
+            const double price = iterate.over[u] ? price_in_nats(iterate, u)
                 : barrier_weight(energies_, mu) / here.slacks[energies_].values[u];
             for (int j = 1; j < 3; ++j) gradient[3 * i + j] += price * energy_gradient_[3 * i + j];
         });
     }
 
     // Add the limits' primal-dual curvature in x to the band. A slack c of a power or a flight adds
-    // dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2. An energy adds only the dual times its Hessian, made
-    // positive semidefinite move by move. The outer products of average powers and energies couple
-    // all slots, and are in mean_ratio and fill_energy_rows.
+    // dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2. An energy adds only the dual times its Hessian,
+    // made positive semidefinite move by move. The outer products of average powers and energies
+    // couple all slots, and are in mean_ratio and fill_energy_rows.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
@@ -216,7 +216,7 @@ public:
             for (double& dual : iterate.duals.back()) dual = barrier_weight(l, mu) / dual;
         }
         for (std::size_t u = 0; u < iterate.duals[energies_].size(); ++u)
-            if (iterate.over[u]) iterate.duals[energies_][u] = find_price(iterate, u);
+            if (iterate.over[u]) iterate.duals[energies_][u] = price_in_nats(iterate, u);
     }
 
     // Decide for each UAV how the limit of its energy enters the barrier function at first: by a
@@ -229,7 +229,7 @@ public:
         p_.energies->compute_energies(path_.data(), energies);
         for (int u = 0; u < p_.uavs; ++u)
             iterate.over[u] =
-                !((1.0 - energies[u]) * find_price(iterate, u) >= barrier_weight(energies_, mu));
+                !((1.0 - energies[u]) * price_in_nats(iterate, u) >= barrier_weight(energies_, mu));
     }
 
     // Multiply each price below MOST_PRICE * weight, with weight = N mu, by PRICE_RISE. Instead, if
@@ -328,7 +328,7 @@ private:
     }
 
     // The price of UAV u's energy in nats per limit; iterate.prices are in rate units and per slot.
-    double find_price(const Iterate& iterate, std::size_t u) const {
+    double price_in_nats(const Iterate& iterate, std::size_t u) const {
         return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
     }
 
@@ -338,7 +338,7 @@ private:
         Reals& slacks = here.slacks[energies_].values;
         p_.energies->compute_energies(path_.data(), slacks);
         for (int u = 0; u < p_.uavs; ++u) {
-            if (iterate.over[u]) here.value_without_lines += find_price(iterate, u) * slacks[u];
+            if (iterate.over[u]) here.value_without_lines += price_in_nats(iterate, u) * slacks[u];
             slacks[u] = 1.0 - slacks[u];
             if (!iterate.over[u])
                 here.value_without_lines -= barrier_weight(energies_, mu) * std::log(slacks[u]);

@@ -67,7 +67,7 @@ public:
     // Find the shares that are best for x, choose lines, decide which energies get prices,
     // evaluate, and set duals: to the price, or to the weight of the barrier term over the slack.
     void initialise(Iterate& iterate) override {
-        const double mu = find_mu(iterate);
+        const double mu = mu_in_nats(iterate);
         Evaluation& here = iterate.evaluation;
         std::fill(iterate.shares, iterate.shares + p_.slots * p_.nodes(), 1.0 / p_.nodes());
         if (p_.shares()) {
@@ -88,7 +88,7 @@ public:
     // trial along the step is better, x and shares stay, duals move, and update_mu takes the start
     // for stalled. With a price that rises, mu stays.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
-        const double mu = find_mu(iterate);
+        const double mu = mu_in_nats(iterate);
         update_evaluation(iterate);
         if (constraints_.have_lines) constraints_.clip_duals(iterate, mu);
         if (stop) return Outcome::stopped;
@@ -124,22 +124,22 @@ public:
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
-        rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
-        constraints_.add_gradient(iterate, find_mu(iterate), gradient);
+        rates_.differentiate(iterate, mu_in_nats(iterate), gradient, hessian);
+        constraints_.add_gradient(iterate, mu_in_nats(iterate), gradient);
         return iterate.evaluation.value;
     }
 
 private:
-    // The barrier parameter in nats.
-    double find_mu(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
+    double mu_in_nats(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
 
     // Choose lines, and evaluate the iterate. If it was evaluated, evaluate only limits with lines.
     void update_evaluation(Iterate& iterate) {
+        const double mu = mu_in_nats(iterate);
         constraints_.choose_lines(iterate.x, iterate.evaluation, trial_);
         if (iterate.is_evaluated)
-            constraints_.evaluate_lines(find_mu(iterate), iterate.evaluation);
+            constraints_.evaluate_lines(mu, iterate.evaluation);
         else
-            evaluate_at(iterate, iterate.x, iterate.shares, find_mu(iterate), iterate.evaluation);
+            evaluate_at(iterate, iterate.x, iterate.shares, mu, iterate.evaluation);
     }
 
     void evaluate_at(const Iterate& iterate, const double* x, const double* shares, double mu,
