@@ -208,8 +208,7 @@ public:
         return least;
     }
 
-    // Append the duals of all slacks, central values barrier_weight / slack. The dual of an energy
-    // with a price (`over`) is the price.
+    // Append every slack's dual: barrier_weight / slack, or an energy's price if it has one (`over`).
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);

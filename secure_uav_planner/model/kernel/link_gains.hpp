@@ -94,8 +94,8 @@ public:
     }
 
     // Return gain and derivatives by s = d^2, by way of log gain = const - exponent / 2
-    // log(s + H^2) + log M(z). M is 1 on links that always have a line of sight, and z is affine in
-    // the elevation arctan(H / d). `turn` is dz/ds.
+    // log(s + H^2) + log M(z). The line-of-sight factor M is 1 on links that always have a line of
+    // sight, and z is affine in the elevation arctan(H / d). `turn` is dz/ds.
     Gain derivatives(std::size_t link, double squared) const override {
         const double inverse = 1.0 / (squared + squared_altitudes_[link]);
         double value = snr_[link] * power(squared + squared_altitudes_[link]);
