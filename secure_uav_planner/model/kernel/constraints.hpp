@@ -208,7 +208,7 @@ public:
         return least;
     }
 
-    // Append every slack's dual: barrier_weight / slack, or an energy's price if it has one (`over`).
+    // Append each slack's dual: barrier_weight / slack, or the price if an energy has one (`over`).
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
