@@ -95,8 +95,7 @@ void find_energies(const Energies& self, const py::buffer& path, const py::buffe
     std::copy(values.begin(), values.end(), filled.data());
 }
 
-// Make pieces of curves, (M, G), of K control points each. `ignored` gives G and K: (M, G, K) flags
-// of control points that do not vary.
+// Make pieces of curves, (M, G), of K control points. `ignored` (M, G, K): which do not vary.
 Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
     const Array<const bool> flags(ignored, "ignored", control_points.count());
     expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2

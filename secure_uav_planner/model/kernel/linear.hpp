@@ -395,9 +395,10 @@ private:
     //
     // FIRST_SHIFT units are added to the diagonal. When the factorisation fails in a slot, the
     // blocks of this slot and its neighbours, one on each side and twice as many for each failure
-    // after SINGLE_SLOTS, are made positive semidefinite. If they are so already, or after ALL_SLOTS
-    // failures, this is done in all slots. Limits' terms are convex, so then only rounding can fail:
-    // the diagonal is raised by SHIFTS (first 0) times its largest entry until factorising succeeds.
+    // after SINGLE_SLOTS, are made positive semidefinite. If they are so already, or after
+    // ALL_SLOTS failures, this is done in all slots. Then only rounding can make the factorisation
+    // fail, because all limits' terms are convex. The diagonal is raised by SHIFTS (first 0) times
+    // its largest entry, one after the other, until the factorisation succeeds.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;

@@ -157,7 +157,7 @@ public:
     }
 
 protected:
-    // Set each UAV's lines to tangents of the zones nearest to its piece, which all its pairs share.
+    // Set each UAV's lines to tangents of the zones nearest to its piece, which its pairs share.
     // With more zones than lines, also set lines.max_moves to the clearance of the nearest zone
     // without a line: no step may reach it.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
