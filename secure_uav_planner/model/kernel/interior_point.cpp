@@ -86,7 +86,7 @@ BarrierProblem make_problem(const py::dict& args) {
 class InteriorPointSolver {
 public:
     // Initialise S starts: `x` (S, N, U, 3), `shares` (S, N, G), `mu` and `finished` (S), `over`
-    // and `prices` (S, U). Steps change these arrays. `shares`, and `over` of energies, are filled.
+    // and `prices` (S, U). Steps change these. Here `shares`, and `over` with energies, are filled.
     InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
             const py::buffer& mu, const py::buffer& finished, const py::buffer& over,
             const py::buffer& prices)
@@ -191,7 +191,7 @@ private:
     }
 
     // Take all steps in threads, while the calling thread checks signals and raise_if_over. If one
-    // throws, stop the threads.
+    // throws, stop the threads and throw again.
     void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));

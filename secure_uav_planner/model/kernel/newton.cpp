@@ -85,8 +85,8 @@ public:
 
     // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
     // If the system cannot be solved, the step is 0 and the outcome is `failed`. Then, or if no
-    // trial along the step is better, x and shares stay, duals move, and update_mu takes the start
-    // for stalled. With a price that rises, mu stays.
+    // trial is better, x and shares stay, duals move, and update_mu takes the start for stalled. If
+    // an energy's price rises, mu stays. Once `stop` is true, return early: x, shares and mu stay.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
         const double mu = mu_in_nats(iterate);
         update_evaluation(iterate);
