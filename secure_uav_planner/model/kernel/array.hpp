@@ -21,7 +21,8 @@ inline void expect(bool valid, const char* name) {
 template <typename T>
 class Array {
 public:
-    // Throw unless the buffer is contiguous, of type T, and writable if T is not const.
+    // View a Python buffer. Throw std::invalid_argument, which names `name`, unless the buffer is
+    // contiguous in C order and of type T. If T is not const, a read-only buffer throws, too.
     Array(const py::buffer& buffer, const char* name)
         : info_(buffer.request(!std::is_const_v<T>)) {
         using Number = std::remove_const_t<T>;

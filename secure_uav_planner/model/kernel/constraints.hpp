@@ -35,8 +35,8 @@ public:
 
     bool have_lines = false;  // Whether any limit chooses lines before every step.
 
-    // Choose the lines of all limits that have lines for the flights at x. The evaluation `here`
-    // at x, and the evaluation `trial` of a step from x, get pointers to these lines.
+    // Choose the lines normal . d = offset of limits that have lines, for the flights at x. Slacks
+    // of the evaluations `here`, at x, and `trial`, of a step from x, get pointers to these lines.
     void choose_lines(const double* x, Evaluation& here, Evaluation& trial) {
         here.slacks.resize(kinds_);
         trial.slacks.resize(kinds_);
@@ -47,8 +47,9 @@ public:
         }
     }
 
-    // Fill here.slacks, and here.value with objective - sum weight log(slack). Weights are mu, and
-    // N mu for average powers and energies. A power p has the slacks p and 1 - p / peak, an average
+    // Fill here.slacks, and here.value with objective - sum weight log(slack), or INFINITE outside
+    // the limits. Weights are mu, and N mu for average powers and energies. An energy with a price
+    // (`over`) adds price * energy instead. A power p has the slacks p and 1 - p / peak, an average
     // power 1 - mean (powers are in units of the largest average power), a share the share itself.
     void evaluate(const Iterate& iterate, const double* x, const double* shares, double objective,
                   double mu, Evaluation& here) {
@@ -76,7 +77,8 @@ public:
         evaluate_lines(mu, here);
     }
 
-    // Find slacks of limits with lines on the path of the last evaluate; set here.value.
+    // Find the slacks of limits with lines on path_, which choose_lines or evaluate has filled. Set
+    // here.value to value_without_lines - mu sum log(slack), or to INFINITE if it is not finite.
     void evaluate_lines(double mu, Evaluation& here) const {
         LogSum sum;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -85,8 +87,9 @@ public:
         here.value = std::isfinite(value) ? value : INFINITE;
     }
 
-    // Add the gradient of all barrier terms by x, (N, U, 3), and behind it by the shares. A term
-    // -w log c has the gradient -(w / c) dc. If an energy has a price (`over`), w / c is the price.
+    // Add the gradient of all barrier terms by x, (N, U, 3), and behind it by shares, (N, G - 1). A
+    // term -w log c has the gradient -(w / c) dc. If an energy has a price (`over`), the price
+    // replaces w / c. Also set energy_gradient_, which find_slopes and fill_energy_rows use.
     void add_gradient(const Iterate& iterate, double mu, double* gradient) {
         const Evaluation& here = iterate.evaluation;
         for (std::size_t l = 0; l < limits_; ++l)
@@ -105,16 +108,16 @@ public:
         energy_gradient_.assign(p_.slots * p_.uavs * 3, 0.0);
         p_.energies->add_gradient(path_.data(), energy_gradient_.data());
         for_powers([&](std::size_t i, int u) {
-            const double price = iterate.over[u] ? find_price(iterate, u)
+            const double price = iterate.over[u] ? price_in_nats(iterate, u)
                 : barrier_weight(energies_, mu) / here.slacks[energies_].values[u];
             for (int j = 1; j < 3; ++j) gradient[3 * i + j] += price * energy_gradient_[3 * i + j];
         });
     }
 
-    // Add the limits' primal-dual curvature in x to the band: for a linear slack c with a dual it
-    // is dual / c times the outer product of the gradient of c. An energy adds its Hessian times
-    // the energy's dual. The outer products of average powers and energies couple all slots, and
-    // are in mean_ratio and fill_energy_rows.
+    // Add the limits' primal-dual curvature in x to the band. A slack c of a power or a flight adds
+    // dual / c (dc/dx)(dc/dx)^T - dual d2c/dx2. An energy adds only the dual times its Hessian,
+    // made positive semidefinite move by move. The outer products of average powers and energies
+    // couple all slots, and are in mean_ratio and fill_energy_rows.
     void add_curvature(const Iterate& iterate, const Band& band) {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         for_powers([&](std::size_t i, int u) {
@@ -134,9 +137,9 @@ public:
     double mean_ratio(const Iterate& iterate, int u) const {
         return iterate.evaluation.slacks[means_].values[u] / iterate.duals[means_][u];
     }
-    // Fill U of the R dense rows with the gradients of the energies by x, and U ratios. `rows` has
-    // R numbers for each variable. The energy of UAV u adds row row^T / ratio to the Hessian, where
-    // ratio is slack / dual. With a price (`over`) the row is 0. Uses add_gradient's gradients.
+    // Fill U of the R dense rows, and U ratios: rows[i R + u] is the derivative of UAV u's energy
+    // by variable i, from the last add_gradient. The energy of UAV u adds row row^T / ratio to the
+    // Hessian, with ratio = slack / dual. With a price (`over`) the row is 0 and the ratio 1.
     void fill_energy_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const Reals& slacks = iterate.evaluation.slacks[energies_].values;
         for (int u = 0; u < p_.uavs; ++u)
@@ -151,7 +154,8 @@ public:
         return iterate.duals.back()[i] / iterate.shares[i];
     }
 
-    // Set slopes_, the derivatives of all slacks along a step, (N, U, 3) of x and then the shares.
+    // Set slopes_, the derivatives of all slacks along `step`, which has x, (N, U, 3), and behind
+    // it shares, (N, G - 1). Gradients of energies are from the last add_gradient.
     void find_slopes(const double* step, const Evaluation& here) {
         p_.fill_path(step, path_, true);
         for (std::size_t l = 0; l < limits_; ++l)
@@ -182,9 +186,9 @@ public:
     }
     const Reals& share_slopes() const { return slopes_.back().values; }
 
-    // Find the largest step length, at most 1, of each UAV's flight within the limits of flights,
-    // (U). Return the least of these and of the largest lengths for powers, averages and shares. A
-    // step takes at most 99.5% of a slack. An energy with a price (`over`) limits nothing here.
+    // Fill `lengths`, (U), with the largest step length, at most 1, of each UAV's flight within the
+    // limits of flights, and of energies without a price. Return the least of these and of the
+    // largest lengths for powers, average powers and shares. A step takes at most 99.5% of a slack.
     double limit_lengths(const Iterate& iterate, const double* step, Reals& lengths) const {
         const std::vector<Slacks>& slacks = iterate.evaluation.slacks;
         std::fill(lengths.begin(), lengths.end(), 1.0);
@@ -204,19 +208,19 @@ public:
         return least;
     }
 
-    // Set duals to central values weight / slack. An energy with a price (`over`) gets the price.
+    // Append each slack's dual: barrier_weight / slack, or the price if an energy has one (`over`).
     void initialise_duals(Iterate& iterate, double mu) const {
         for (std::size_t l = 0; l < kinds_; ++l) {
             iterate.duals.push_back(iterate.evaluation.slacks[l].values);
             for (double& dual : iterate.duals.back()) dual = barrier_weight(l, mu) / dual;
         }
         for (std::size_t u = 0; u < iterate.duals[energies_].size(); ++u)
-            if (iterate.over[u]) iterate.duals[energies_][u] = find_price(iterate, u);
+            if (iterate.over[u]) iterate.duals[energies_][u] = price_in_nats(iterate, u);
     }
 
     // Decide for each UAV how the limit of its energy enters the barrier function at first: by a
     // price (`over`), or by a barrier term. A price is used if the limit is exceeded or if the
-    // price is below the slope weight / slack of the barrier term.
+    // price, from iterate.prices, is below the slope N mu / slack of the barrier term.
     void initialise_energies(Iterate& iterate, double mu) {
         if (!p_.energies) return;
         Reals energies;
@@ -224,13 +228,13 @@ public:
         p_.energies->compute_energies(path_.data(), energies);
         for (int u = 0; u < p_.uavs; ++u)
             iterate.over[u] =
-                !((1.0 - energies[u]) * find_price(iterate, u) >= barrier_weight(energies_, mu));
+                !((1.0 - energies[u]) * price_in_nats(iterate, u) >= barrier_weight(energies_, mu));
     }
 
-    // Multiply by PRICE_RISE each price (`over`) that is below MOST_PRICE * weight, weight = N mu.
-    // A price with slack * price >= weight is replaced by a barrier term instead. Return whether
-    // any price has risen. Prices are duals of energies; iterate.prices gets the duals of all
-    // energies per slot and rate unit.
+    // Multiply each price below MOST_PRICE * weight, with weight = N mu, by PRICE_RISE. Instead, if
+    // slack * price >= weight, a barrier term, whose slope is weight / slack, replaces the price.
+    // Return whether any price has risen. The price of an energy (`over`) is the energy's dual.
+    // iterate.prices gets the duals of all energies per slot and rate unit.
     bool raise_prices(Iterate& iterate, double mu) const {
         bool risen = false;
         const double weight = barrier_weight(energies_, mu);
@@ -270,7 +274,7 @@ public:
         }
     }
 
-    // Move the duals along their Newton step.
+    // Add `length` times the Newton step of find_dual_changes to the duals.
     void move_duals(Iterate& iterate, double length) const {
         for (std::size_t l = 0; l < kinds_; ++l)
             for (std::size_t i = 0; i < iterate.duals[l].size(); ++i)
@@ -301,8 +305,9 @@ private:
             for (int u = 0; u < U; ++u) function(n * U + u, u);
     }
 
-    // Call a function for every share that varies with three indices: of its variable, of the
-    // share among all shares (N, G), and of the first share of its slot.
+    // Call function(i, share, first) for every share that is a variable: every slot's first share
+    // is 1 minus the slot's other ones. `i` is the index of the variable. `share` and `first` are
+    // indices among all shares, (N, G), of the share and of the first share of its slot.
     template <typename Function>
     void for_shares(Function function) const {
         std::size_t i = p_.slots * p_.uavs * 3;
@@ -322,24 +327,24 @@ private:
     }
 
     // The price of UAV u's energy in nats per limit; iterate.prices are in rate units and per slot.
-    double find_price(const Iterate& iterate, std::size_t u) const {
+    double price_in_nats(const Iterate& iterate, std::size_t u) const {
         return iterate.prices[u] * double(p_.slots) * p_.rate_unit;
     }
 
-    // Find the slacks 1 - energy on the last path; energies are shares of their limits. Add barrier
-    // terms to value_without_lines, but price * energy for an energy with a price (`over`).
+    // Find the slacks 1 - energy on path_; energies are shares of their limits. Add to
+    // value_without_lines -N mu log(slack), or price * energy for an energy with a price (`over`).
     void evaluate_energies(const Iterate& iterate, double mu, Evaluation& here) const {
         Reals& slacks = here.slacks[energies_].values;
         p_.energies->compute_energies(path_.data(), slacks);
         for (int u = 0; u < p_.uavs; ++u) {
-            if (iterate.over[u]) here.value_without_lines += find_price(iterate, u) * slacks[u];
+            if (iterate.over[u]) here.value_without_lines += price_in_nats(iterate, u) * slacks[u];
             slacks[u] = 1.0 - slacks[u];
             if (!iterate.over[u])
                 here.value_without_lines -= barrier_weight(energies_, mu) * std::log(slacks[u]);
         }
     }
 
-    // Find the slacks of a limit on the last path, and add their logarithms to a sum.
+    // Find the slacks of a limit on path_, and add their logarithms to a sum.
     void add_limit(std::size_t limit, Evaluation& here, LogSum& sum) const {
         p_.limits[limit]->find_slacks(path_.data(), here.slacks[limit]);
         for (const double slack : here.slacks[limit].values) sum.add(slack);

@@ -83,9 +83,10 @@ private:
         incumbent_disc_ = disc;
     }
 
-    // Find the incumbent by one place of each disc, then by a local search. Set active_ to discs
-    // `begin` to `end` - 1, without discs whose formula bound is at most the incumbent's leak plus
-    // the tolerance. Return the largest formula bound [bit/s/Hz] of the discs left out, or 0.
+    // Find the incumbent in two passes over discs `begin` to `end` - 1: by the place nearest to the
+    // transmitter, then by a local search. After each pass, drop from active_ discs whose formula
+    // bound is at most the incumbent's leak plus the tolerance. Return the largest formula bound
+    // [bit/s/Hz] of the dropped discs, or 0.
     double drop_discs(std::size_t begin, std::size_t end) {
         incumbent_ = {INFINITE, 0.0, 0.0};
         incumbent_disc_ = begin;
@@ -130,8 +131,8 @@ private:
         update_incumbent(best_disc, problem_->descend(best));
     }
 
-    // Add the parts of a sector to the next level. A whole disc is divided into its inner half and
-    // six sectors of the ring around this half, any other sector into four.
+    // Add the parts of a sector to the next level. A whole disc is divided into a disc of half the
+    // radius and six sectors of the ring around it, any other sector into four.
     void divide(const Sector& sector) {
         const double middle = 0.5 * (sector.inner + sector.outer);
         Sector part = sector;
@@ -228,8 +229,9 @@ void bound_sectors(const py::dict& args, const py::dict& sectors, const py::buff
     }
 }
 
-// Prove for every slot an upper bound of the leak [bit/s/Hz] to an eavesdropper anywhere in its P
-// discs, by branch and bound. `slots` (P): slot of each disc, ascending. `most` (P): upper bound of
+// Prove for every slot an upper bound of the leak [bit/s/Hz] to an eavesdropper anywhere in its
+// discs, by branch and bound: at most `tolerance` above the largest leak found, unless the search
+// ends after `most_sectors`. `slots` (P): slot of each disc, ascending. `most` (P): upper bound of
 // each disc's leak by a formula. `leaks` (N) gets the bounds; `worst_discs` (N) and `places` (N, 2)
 // get the disc, and the place from its centre [m], with the largest leak found in each slot.
 void prove_leaks(const py::dict& args, const py::buffer& slots, const py::buffer& most,

@@ -63,13 +63,13 @@ public:
         });
     }
 
-    // Add to the band the Hessians of the energies times their prices, (U). By a move, the Hessian
+    // Add to the band the Hessians of the energies times their duals, (U). By a move, the Hessian
     // of power(s), s = |move|^2, has the eigenvalue 2 power' across the move and 2 power' + 4 s
     // power'' along it. Negative eigenvalues are replaced by 0.
-    void add_curvature(const double* path, const Reals& prices, const Band& band) const {
+    void add_curvature(const double* path, const Reals& duals, const Band& band) const {
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {
             const PowerTerms& terms = terms_[uav];
-            const double s = dot(move, move), weight = weights_[i] * prices[uav];
+            const double s = dot(move, move), weight = weights_[i] * duals[uav];
             const double across = std::max(0.0, 2.0 * terms.first(s));
             const double along = std::max(0.0, 2.0 * terms.first(s) + 4.0 * terms.scaled_second(s));
             const double excess = s > 0.0 ? weight * (along - across) / s : 0.0;
@@ -80,7 +80,7 @@ public:
     }
 
 private:
-    // Call function(i, move, uav) for every move i on a path, and the UAV that moves.
+    // Call function(i, move, uav) for every move i on a path; moves are sorted by UAV.
     template <typename Function>
     void visit(const double* path, Function function) const {
         std::vector<Point> moves;

@@ -12,7 +12,8 @@ namespace kernel {
 // A sum of logarithms of positive numbers, faster by taking the logarithm of products of many.
 class LogSum {
 public:
-    // Add the logarithm of a value. The sum is not finite if the value is not positive.
+    // Add the logarithm of a value, as a factor of product_, whose logarithm flush() adds to sum_
+    // before it overflows. The sum is not finite if the value is not positive.
     void add(double value) {
         if (!(value > 1e-100 && value < 1e100)) {
             sum_ += std::log(value);

@@ -30,7 +30,8 @@ namespace {
 constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
 constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Time between calls of raise_if_over.
 
-// Check and copy the receivers of Python's arguments, which core.pyi lists.
+// Check and copy K receivers: G ground nodes, at least one eavesdropper, and listeners. `args` has
+// `radii` (N, K), `weights` and `offsets` (G), `positions` (N, K, 2), and indices `listeners`.
 kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t entries = count_entries(args, "radii");
     const std::size_t nodes = count_entries(args, "weights");
@@ -45,7 +46,7 @@ kernel::Receivers make_receivers(const BarrierProblem& problem, const py::dict& 
 }
 
 // Copy core.pyi's `places`: for each slot and place, whether the place moves along with the UAVs,
-// the offset from the disc's centre, and the disc's radius. Each place is an eavesdropper.
+// the offset from the disc's centre, and the disc's radius. Places are listed as eavesdroppers.
 kernel::Places read_places(const BarrierProblem& problem, const py::dict& args) {
     const std::size_t places = problem.eavesdroppers();
     return {copy_flags(args, "moves_along", problem.slots * places),
@@ -85,7 +86,7 @@ BarrierProblem make_problem(const py::dict& args) {
 class InteriorPointSolver {
 public:
     // Initialise S starts: `x` (S, N, U, 3), `shares` (S, N, G), `mu` and `finished` (S), `over`
-    // and `prices` (S, U). Steps change these arrays in place; `shares` and `over` are filled here.
+    // and `prices` (S, U). Steps change these. Here `shares`, and `over` with energies, are filled.
     InteriorPointSolver(const py::dict& args, const py::buffer& x, const py::buffer& shares,
             const py::buffer& mu, const py::buffer& finished, const py::buffer& over,
             const py::buffer& prices)
@@ -135,7 +136,7 @@ public:
         return py::make_tuple(steps, failed);
     }
 
-    // Fill `rates` (S) with the least weighted mean rate of each start in nats.
+    // Fill `rates` (S) with each start's least weighted mean of max(rate - leak, 0) in nats.
     void evaluate_rates(const py::buffer& rates) {
         const Array<double> rate(rates, "rates", iterates_.size());
         const py::gil_scoped_release release;
@@ -174,7 +175,8 @@ private:
         return *workers_[number];
     }
 
-    // Take all steps of a start that no thread has taken, in worker `number`, until none is left.
+    // Run a worker: take all steps of the next start that no thread has taken, until no start is
+    // left or stop_ is true. failed_ counts how many starts fail in each step.
     void take_steps(std::size_t number, double final_mu) {
         kernel::Newton& newton = *workers_[number];
         while (!stop_) {
@@ -188,12 +190,13 @@ private:
         }
     }
 
-    // Take all steps in threads, while the calling thread checks signals and raise_if_over.
+    // Take all steps in threads, while the calling thread checks signals and raise_if_over. If one
+    // throws, stop the threads and throw again.
     void run_threads(double final_mu, const py::function& raise_if_over) {
         const std::size_t count = std::min<std::size_t>(
             iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
         worker(count - 1);  // Makes the workers 0 to count - 1.
-        // If `raise_if_over` throws, the futures join their threads as they are destroyed.
+        // After a throw, the futures join their threads as they are destroyed.
         std::vector<std::future<void>> threads;
         try {
             for (std::size_t number = 0; number < count; ++number)

@@ -103,8 +103,9 @@ public:
         return descend(best);
     }
 
-    // Descend to a local minimum of v by Newton steps in the disc, and along its edge where v falls
-    // outwards. The steps have a limited length and go downhill also where v is not convex.
+    // Return a local minimum of v, by Newton steps from `here` in the disc, and on its edge where
+    // v falls outwards. Steps go downhill also where v is not convex. The longest step is half the
+    // radius at first, doubles after a better step, and falls to a quarter after any other step.
     Candidate descend(Candidate here) const {
         double longest = 0.5 * radius_;
         if (!(radius_ > POINT)) return here;
@@ -291,9 +292,10 @@ protected:
         return differentiate_here();
     }
 
-    // Return v and its derivatives at (x, y), and lower bounds of v in the ball of radius `ball`
-    // around it; see Expansion. v = noise D_0 + sum_j jamming_j (1 + L_j / D_j) is bounded term by
-    // term, with D_j = d_j^2 + H_j^2 of UAV j and L_j = D_0 - D_j, which is affine in the place.
+    // Return v with derivatives at (x, y), and lower bounds of v in a ball of radius `ball` around
+    // it: a constant, ball_bound, and Taylor's quadratic with its Hessian's eigenvalues lowered by
+    // hessian_error, minus rounding. v = noise D_0 + sum_j jamming_j (1 + L_j / D_j) is bounded
+    // term by term, D_j = d_j^2 + H_j^2 of UAV j and L_j = D_0 - D_j, which is affine in the place.
     // `magnitude` is the sum of the terms' sizes and `slopes` half the sum of their slopes' sizes;
     // rounding errors are a small fraction of either.
     Expansion expand(double x, double y, double ball) const override {
@@ -404,10 +406,11 @@ protected:
         return sum;
     }
 
-    // Return v and its derivatives at (x, y), and lower bounds of v in the ball of radius `ball`
-    // around it; see Expansion. v = noise / g_0 + sum_j jamming_j g_j / g_0 is bounded term by
-    // term, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at an
-    // SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, second and third
+    // Return v with derivatives at (x, y), and lower bounds of v in a ball of radius `ball` around
+    // it: a constant, ball_bound, and Taylor's quadratic with its Hessian's eigenvalues lowered by
+    // hessian_error, minus `rounding`. v = noise / g_0 + sum_j jamming_j g_j / g_0 is bounded term
+    // by term, with noise = 1 / (p_0 SNR_0), jamming_j = p_j SNR_j / (p_0 SNR_0) and the gains g at
+    // an SNR of 1. With bounds b_i of the derivatives of l = log g_j - log g_0, second and third
     // derivatives of a term w e^l are at most w e^l times b_2 + b_1^2 and b_3 + 3 b_1 b_2 + b_1^3.
     Expansion expand(double x, double y, double ball) const override {
         const LogGain transmitter = log_gain(x, y, 0);

@@ -90,7 +90,7 @@ public:
         if (kind_ == LeakKind::single) return sum.add(at[0]);
         if (kind_ == LeakKind::colluding) return sum.add(compute_exact(at));
         if (here.leak_slacks.size() < end()) here.leak_slacks.resize(end());
-        double* slacks = &here.leak_slacks[first(n)];
+        double* slacks = &here.leak_slacks[first_slack(n)];
         for (int e = 0; e < eves_; ++e) slacks[e] = at[hearer(e)].rate();
         sum.add(solve_epigraph(slacks, eves_, mu, sum.gaps));
     }
@@ -106,8 +106,8 @@ public:
                                          const Iterate& iterate, double mu) {
         if (kind_ == LeakKind::largest) {
             for (int e = 0; e < eves_; ++e)
-                by_rates_[e] = mu / iterate.evaluation.leak_slacks[first(n) + e];
-            return &iterate.leak_duals[first(n)];
+                by_rates_[e] = mu / iterate.evaluation.leak_slacks[first_slack(n) + e];
+            return &iterate.leak_duals[first_slack(n)];
         }
         if (kind_ == LeakKind::colluding) {
             const double inverse = std::exp(-compute_exact(at));
@@ -135,8 +135,8 @@ public:
             }
             return add_outer(-weight, mean_.data(), hessian);
         }
-        const double* slacks = &iterate.evaluation.leak_slacks[first(n)];
-        const double* duals = &iterate.leak_duals[first(n)];
+        const double* slacks = &iterate.evaluation.leak_slacks[first_slack(n)];
+        const double* duals = &iterate.leak_duals[first_slack(n)];
         double sum = 0.0;
         for (int e = 0; e < eves_; ++e) {
             sum += duals[e] / slacks[e];
@@ -162,7 +162,7 @@ public:
                 slopes_[e] = 0.0;
                 for (int j = 0; j < size(); ++j) slopes_[e] += gradient[j] * step[n * size() + j];
             }
-            const std::size_t i = first(n);
+            const std::size_t i = first_slack(n);
             find_epigraph_changes(eves_, mu, &iterate.evaluation.leak_slacks[i],
                                   &iterate.leak_duals[i], slopes_.data(), &changes_[n * eves_],
                                   length);
@@ -176,7 +176,7 @@ public:
 
 private:
     int size() const { return 3 * (UAVS ? UAVS : uavs_); }
-    std::size_t first(std::size_t n) const { return begin_ + n * eves_; }
+    std::size_t first_slack(std::size_t n) const { return begin_ + n * eves_; }
 
     // A ground node's index among the hearers, or the number of hearers if it does not listen.
     static int find_own(const BarrierProblem& problem, int node) {

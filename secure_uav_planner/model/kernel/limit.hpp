@@ -64,7 +64,7 @@ public:
     }
 
     // Add the gradient of -mu sum log c to `gradient`, (N, U, 3). The slack of vector d is
-    // c = normal . d - offset with a line, and c = 1 - |d|^2 / square without.
+    // c = normal . d - offset with a line, and c = 1 - |d|^2 / r^2 without.
     void add_gradient(const Slacks& slacks, double mu, double* gradient) const {
         for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {
             const double force = mu / slacks.values[i];
@@ -74,7 +74,7 @@ public:
     }
 
     // Find the moves of the vectors d, and the slopes of the slacks c, for moves (M, U, 2) of the
-    // path's points. c is normal . d - offset with a line, and 1 - |d|^2 / square without.
+    // path's points. c is normal . d - offset with a line, 1 - |d|^2 / r^2 without, 1 if ignored.
     void find_slopes(const Slacks& slacks, const double* moves, Slacks& slopes) const {
         vectors_.compute_vectors(moves, true, slopes.vectors);
         slopes.values.assign(count(), 0.0);
@@ -86,7 +86,8 @@ public:
     }
 
     // Lower the step lengths of the UAVs, (U), at most 1, so that a step takes at most
-    // FRACTION_TO_BOUNDARY of each slack and of each vector's longest move, if it has one.
+    // FRACTION_TO_BOUNDARY of each slack and of each vector's longest move, if it has one. For a
+    // vector of two UAVs this holds if both move by the same step length.
     void limit_steps(const Slacks& slacks, const Slacks& slopes, double* lengths) const {
         const Reals& max_moves = slacks.lines->max_moves;
         for_limited(slacks, [&](std::size_t i, Point d, const Line* line) {

@@ -62,7 +62,7 @@ Vectors make_vectors(const py::buffer& varies, const py::buffer& points, const p
                    copy_points(constants, "constants", count), differences);
 }
 
-// Make the limit |d|^2 < square of I vectors d; `ignored` and `squares` are (I).
+// Make the limit |d|^2 < square of each of I vectors d that is not ignored, with `squares` (I).
 std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& ignored,
                                   const py::buffer& squares) {
     return std::make_shared<Limit>(
@@ -70,8 +70,8 @@ std::shared_ptr<Limit> make_limit(const Vectors& vectors, const py::buffer& igno
         copy_reals(squares, "squares", vectors.count()));
 }
 
-// Make the energies of U UAVs from S weighted moves of each: `moves` and `weights` are (U, S), and
-// `constants` (U). `terms`, (U, 4), are blade_slope, induced, induced_slope and drag of PowerTerms.
+// Make the energies of U UAVs, constant + sum of weight * power over S moves: `moves` and `weights`
+// are (U, S), `constants` (U), and `terms` (U, 4), the numbers of each UAV's PowerTerms in order.
 std::shared_ptr<Energies> make_energies(const Vectors& moves, const py::buffer& weights,
                                         const py::buffer& terms, const py::buffer& constants) {
     const std::size_t uavs = count_entries(terms) / 4;
@@ -95,7 +95,7 @@ void find_energies(const Energies& self, const py::buffer& path, const py::buffe
     std::copy(values.begin(), values.end(), filled.data());
 }
 
-// Make pieces (M, G) of K control points. `ignored` (M, G, K): which control points do not vary.
+// Make pieces of curves, (M, G), of K control points. `ignored` (M, G, K): which do not vary.
 Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
     const Array<const bool> flags(ignored, "ignored", control_points.count());
     expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2
@@ -106,7 +106,7 @@ Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
 
 // Make the limit that keeps A UAVs out of obstacles. `polygons` (A, Z, V, 2): the Z obstacles of
 // each UAV, with V vertices each. `ignored` (M, G, K): control points that do not vary. Each UAV
-// has G / A of the G pairs, each with a line to another obstacle, so G / A is at most Z.
+// has G / A <= Z of the G pairs. The lines of a UAV's pairs are tangents of different obstacles.
 std::shared_ptr<ZoneLimit> make_zone_limit(const Vectors& control_points,
                                            const py::buffer& ignored, const py::buffer& polygons) {
     const Pieces pieces = make_pieces(control_points, ignored);
@@ -134,9 +134,9 @@ std::shared_ptr<FenceLimit> make_fence_limit(const Vectors& control_points,
                                              const py::buffer& offsets) {
     const Pieces pieces = make_pieces(control_points, ignored);
     const std::vector<Point> directions = copy_points(normals, "normals", pieces.pairs);
-    const Reals lengths = copy_reals(offsets, "offsets", pieces.pairs);
+    const Reals distances = copy_reals(offsets, "offsets", pieces.pairs);
     std::vector<kernel::Line> sides;
-    for (std::size_t i = 0; i < pieces.pairs; ++i) sides.push_back({directions[i], lengths[i]});
+    for (std::size_t i = 0; i < pieces.pairs; ++i) sides.push_back({directions[i], distances[i]});
     return std::make_shared<FenceLimit>(pieces, std::move(sides));
 }
 

@@ -23,12 +23,12 @@ public:
         : x(problem.slots * problem.uavs * 3), shares(problem.share_slacks()), p_(problem),
           lengths_(problem.uavs) {}
 
-    // Find a step length that decreases the barrier function, or 0 if no trial does.
-    //
-    // `slope` is the derivative of the barrier function along the step; `evaluate` returns the
-    // function at the trial in `x` and `shares`. First trials stop every power and every flight at
-    // its own limit, which goes much farther than stopping all at the first limit. Later trials
-    // have one length for all variables.
+    // Return the length of the first trial at which the barrier function, up to rounding, falls by
+    // ARMIJO times the expected decrease. Return 0 if no trial does, or once `stop` is true. The
+    // trial stays in `x` and `shares`, where `evaluate` evaluates the barrier function. `slope` is
+    // the derivative of the barrier function along the step. First trials stop every power and
+    // every flight at its own limit, which goes much farther than stopping all at the first limit.
+    // Later trials have one length for all variables.
     template <typename Evaluate>
     double search(const Iterate& iterate, const Reals& step, const Reals& gradient, double slope,
                   const Constraints<UAVS>& constraints, const std::atomic<bool>& stop,
@@ -63,9 +63,9 @@ private:
     }
 
     // Set the trial to the iterate plus `length` times the step, but stop every power, every flight
-    // and the shares of every slot at its own limit. A power changes by at most POWER_FACTOR.
-    // Return gradient . (trial - iterate), the expected change of the barrier function. `step` and
-    // `gradient` are of x, (N, U, 3), and behind it of the shares, (N, G - 1).
+    // and the shares of every slot at its own limit. A power changes by at most the factor
+    // POWER_FACTOR. Return gradient . (trial - iterate), the expected change of the barrier
+    // function. `step` and `gradient` have x, (N, U, 3), and behind it shares, (N, G - 1).
     double move_clipped(const Iterate& iterate, const Reals& step, const Reals& gradient,
                         const Constraints<UAVS>& constraints, double length) {
         const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);

@@ -184,7 +184,7 @@ public:
 
     int height() const { return below_ + 1; }
 
-    // Eliminate the shares of a slot from its block and add the block to the band.
+    // Eliminate the shares of a slot from its block, and add what is left in x to the band.
     void add_slot(std::size_t n) {
         const int W = width();
         if (shares_) eliminate_shares(n);
@@ -394,10 +394,11 @@ private:
     // Factor the band after making it positive definite with few changes; false if that fails.
     //
     // FIRST_SHIFT units are added to the diagonal. When the factorisation fails in a slot, the
-    // blocks of this slot and its neighbours, at first one on each side, are made positive
-    // semidefinite. If they are so already, or after ALL_SLOTS failures, this is done in all slots.
-    // Then only rounding can make the factorisation fail, because all limits' terms are convex. If
-    // it does, the diagonal is raised by SHIFTS of its largest entry, one after the other.
+    // blocks of this slot and its neighbours, one on each side and twice as many for each failure
+    // after SINGLE_SLOTS, are made positive semidefinite. If they are so already, or after
+    // ALL_SLOTS failures, this is done in all slots. Then only rounding can make the factorisation
+    // fail, because all limits' terms are convex. The diagonal is raised by SHIFTS (first 0) times
+    // its largest entry, one after the other, until the factorisation succeeds.
     bool factor_positive_definite(const std::atomic<bool>& stop) {
         const int V = size();
         const std::ptrdiff_t slots = slots_;

@@ -157,8 +157,9 @@ public:
     }
 
 protected:
-    // Set each UAV's lines to tangents of its nearest zones. With more zones than lines, also set
-    // lines.max_moves to the clearance of the nearest zone without a line: no step may reach it.
+    // Set each UAV's lines to tangents of the zones nearest to its piece, which its pairs share.
+    // With more zones than lines, also set lines.max_moves to the clearance of the nearest zone
+    // without a line: no step may reach it.
     void choose_lines_at(std::size_t first, const Point* pieces, LineSet& lines) const override {
         std::vector<Line> candidates(zones_);
         Reals clearances(zones_);

@@ -76,8 +76,8 @@ public:
     };
 
     // `snr`, `squared_altitudes` (H^2), `losses` (kappa), `steepness` and `shift`, one for each
-    // link. A link that always has a line of sight has kappa = 1. `quantile`: whether M is the
-    // smoothed quantile and not the mean.
+    // link. A link that always has a line of sight has kappa = 1. `exponent`: of the path loss.
+    // `quantile`: whether the line-of-sight factor is the smoothed quantile and not the mean.
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
              std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
              double exponent, bool quantile)
@@ -94,8 +94,8 @@ public:
     }
 
     // Return gain and derivatives by s = d^2, by way of log gain = const - exponent / 2
-    // log(s + H^2) + log M(z). M is 1 on links that always have a line of sight, and z is affine in
-    // the elevation arctan(H / d). `turn` is dz/ds.
+    // log(s + H^2) + log M(z). The line-of-sight factor M is 1 on links that always have a line of
+    // sight, and z is affine in the elevation arctan(H / d). `turn` is dz/ds.
     Gain derivatives(std::size_t link, double squared) const override {
         const double inverse = 1.0 / (squared + squared_altitudes_[link]);
         double value = snr_[link] * power(squared + squared_altitudes_[link]);
@@ -113,8 +113,8 @@ public:
         return {value, value * first, value * (second + first * first)};
     }
 
-    // Bound the sizes of the first three derivatives of log gain along any line on the ground,
-    // between the horizontal distances `near` and `far`; infinite if near = 0 and M varies.
+    // Bound |f'|, |f''| and |f'''| of f = log gain along any line on the ground, at horizontal
+    // distances from `near` to `far`; infinite if near = 0 and the line-of-sight factor varies.
     //
     // Along a line, with D = d^2 + H^2 and the cosine c between line and offset, (log D)' =
     // 2 d c / D, |(log D)''| <= 2 / D and |(log D)'''| <= 4 / D^(3/2). Of theta = arctan(H / d),
@@ -165,8 +165,9 @@ private:
         return 1.0 / (1.0 + std::exp(-z(link, squared)));
     }
 
-    // Return M at a squared distance, with the first two derivatives of log M by z. The mean is
-    // M = kappa + (1 - kappa) P, the quantile is M = kappa^(1 - S).
+    // Return the line-of-sight factor M of a gain at a squared distance, with the first two
+    // derivatives of log M by z. The mean is M = kappa + (1 - kappa) P, P = 1 / (1 + exp(-z)). The
+    // quantile is M = kappa^(1 - S), S = z^3 (6 z^2 - 15 z + 10) with z clamped to [0, 1].
     Sight sight(std::size_t link, double squared) const {
         const double loss = losses_[link];
         if (quantile_) {
@@ -184,8 +185,8 @@ private:
         return {factor, first, first * (1.0 - 2.0 * likely - first)};
     }
 
-    // Bound the first three derivatives of log M by z between two distances, for the mean M =
-    // kappa + (1 - kappa) P. P' = P (1 - P), and no further derivative of P is larger.
+    // Bound |f'|, |f''| and |f'''| of f(z) = log M at distances from `near` to `far`, for the mean
+    // line-of-sight factor M = kappa + (1 - kappa) P. P' = P (1 - P) bounds P'' and P''', too.
     LogBounds bound_mean(std::size_t link, double near, double far) const {
         const double loss = losses_[link];
         const double most = probability(link, near * near);
@@ -194,8 +195,9 @@ private:
         return {first, first * (1.0 + first), first * (1.0 + first * (3.0 + 2.0 * first))};
     }
 
-    // Bound the first three derivatives of log M by z between two distances, for M = kappa^(1 - S).
-    // The derivatives of S are polynomials: each is largest at an end or where the next one is 0.
+    // Bound |f'|, |f''| and |f'''| of f(z) = log M at distances from `near` to `far`, for the
+    // quantile M = kappa^(1 - S). S = z^3 (6 z^2 - 15 z + 10) for 0 < z < 1 is constant outside. A
+    // derivative of S is largest at an end or where the next one is 0.
     LogBounds bound_quantile(std::size_t link, double near, double far) const {
         const double low = std::max(z(link, far * far), 0.0);
         const double high = std::min(z(link, near * near), 1.0);

@@ -48,10 +48,10 @@ public:
         return double(slots_) * (minus_eta - mu * gaps.total());
     }
 
-    // Find the shares, (N, G), that minimise the barrier function for the rates here.node_rates.
-    // In the dual problem each node has a price, and the prices add up to 1. For given prices, each
-    // slot has shares of its own. Newton's method finds the prices, while the barrier parameter
-    // `level` falls to mu, by the factor SHARES_MU_FACTOR.
+    // Fill the shares, (N, G), that nearly minimise the barrier function for the rates in
+    // here.node_rates. In the dual problem each node has a price, and the prices add up to 1. For
+    // given prices, each slot has shares of its own. Newton's method moves the prices, SHARE_STEPS
+    // times for each barrier parameter `level`, which falls to mu by the factor SHARES_MU_FACTOR.
     void find_shares(double mu, const Evaluation& here, double* shares) const {
         Reals prices(nodes_, 1.0 / nodes_);
         for (double level = std::max(mu, rate_unit_); ;
@@ -63,10 +63,10 @@ public:
         for (std::size_t n = 0; n < slots_; ++n) share_slot(n, mu, here, prices, shares);
     }
 
-    // Extend the derivatives of a slot from x to its G - 1 variable shares; the first share is 1
-    // minus their sum. `rates` and `leaks` (G, V) are the gradients of the nodes' rates and leaks
-    // in the slot, and `block` (V, V) is the Hessian in x. Fill the `gradient` by the shares,
-    // (G - 1), and the `hessian` in x and shares, (V + G - 1, V + G - 1).
+    // Extend the objective's derivatives in slot n from x to the slot's G - 1 variable shares; the
+    // first share is 1 minus their sum. `rates` and `leaks` (G, V) are the nodes' gradients, and
+    // `block` (V, V) is the Hessian in x. Fill the `gradient` by shares, (G - 1), and the `hessian`
+    // in x and shares, (V + G - 1, V + G - 1). Keep gradients_ of (rate - leak) / weight.
     void add_shares(std::size_t n, const Iterate& iterate, double mu, const double* rates,
                     const double* leaks, const double* block, double* gradient, double* hessian) {
         const int V = size_, W = V + nodes_ - 1;
@@ -128,7 +128,7 @@ public:
     void find_dual_changes(const Iterate& iterate, const double* step, double mu, int R,
                            const double* rows, double& length) {
         const int G = nodes_;
-        Reals slopes(G, 0.0);  // Slopes of minus the means: solve_epigraph has these values.
+        Reals slopes(G, 0.0);  // Slopes of minus the means, up to a constant: rows are centred.
         for (std::size_t i = 0; i < slots_ * (size_ + G - 1); ++i)
             for (int k = 0; k < G; ++k) slopes[k] -= rows[i * R + k] * step[i];
         find_epigraph_changes(G, mu, iterate.evaluation.node_slacks.data(),
@@ -153,8 +153,9 @@ private:
         for (int k = 0; k < nodes_; ++k) share[k] /= sum;
     }
 
-    // Set the shares of all slots, (N, G), to the best for the nodes' prices, (G), then move the
-    // prices by a Newton step. Return false, with the prices as they are, if there is no step.
+    // Set the shares of all slots, (N, G), to the best for the nodes' prices, (G). Then move each
+    // price by a Newton step, by at most the factor PRICE_FACTOR, and scale the prices to sum 1.
+    // Return false, with the prices as they are, if the system of the step is singular.
     bool move_prices(double mu, const Evaluation& here, Reals& prices, double* shares) const {
         const int G = nodes_, H = G + 1;
         const Reals offsets = sum_offsets();

@@ -21,6 +21,7 @@ using kernel::expect;
 
 namespace {
 
+// Check and copy the numbers of FreeSpace: SNR at unit distance and power, and H^2, of each link.
 std::shared_ptr<kernel::FreeSpace> make_free_space(const py::buffer& snr,
                                                    const py::buffer& squared_altitudes) {
     const std::size_t links = count_entries(snr);
@@ -39,7 +40,7 @@ std::shared_ptr<kernel::PathLoss> make_path_loss(
         copy_reals(shift, "shift", links), exponent, quantile);
 }
 
-// Return bounds of the first three derivatives of log gain from `near` to `far`; see core.pyi.
+// Return bounds of |f'|, |f''| and |f'''| of f = log gain from `near` to `far` [m]; see core.pyi.
 py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, double near,
                          double far) {
     expect(link < channel.links() && near <= far, "link, near, far");

@@ -65,9 +65,9 @@ public:
     }
 
     // Find the shares that are best for x, choose lines, decide which energies get prices,
-    // evaluate, and set the duals to their central values: weight of the barrier term over slack.
+    // evaluate, and set duals: to the price, or to the weight of the barrier term over the slack.
     void initialise(Iterate& iterate) override {
-        const double mu = find_mu(iterate);
+        const double mu = mu_in_nats(iterate);
         Evaluation& here = iterate.evaluation;
         std::fill(iterate.shares, iterate.shares + p_.slots * p_.nodes(), 1.0 / p_.nodes());
         if (p_.shares()) {
@@ -84,10 +84,11 @@ public:
     }
 
     // Take a step: differentiate, solve the linear system, search along the step, move, lower mu.
-    // If the system cannot be solved, the step is 0: x and shares stay, duals move, update_mu takes
-    // the start for stalled, and the outcome is `failed`. With a price that rises, mu stays.
+    // If the system cannot be solved, the step is 0 and the outcome is `failed`. Then, or if no
+    // trial is better, x and shares stay, duals move, and update_mu takes the start for stalled. If
+    // an energy's price rises, mu stays. Once `stop` is true, return early: x, shares and mu stay.
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
-        const double mu = find_mu(iterate);
+        const double mu = mu_in_nats(iterate);
         update_evaluation(iterate);
         if (constraints_.have_lines) constraints_.clip_duals(iterate, mu);
         if (stop) return Outcome::stopped;
@@ -119,26 +120,26 @@ public:
         return rates_.compute_least_mean(iterate);
     }
 
-    // Return the barrier function and fill its gradient, for tests. `hessian` is the objective's.
+    // Return the barrier function; fill its gradient and the objective's Newton matrix: for tests.
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         iterate.is_evaluated = false;  // The caller may have changed the iterate's arrays.
         update_evaluation(iterate);
-        rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
-        constraints_.add_gradient(iterate, find_mu(iterate), gradient);
+        rates_.differentiate(iterate, mu_in_nats(iterate), gradient, hessian);
+        constraints_.add_gradient(iterate, mu_in_nats(iterate), gradient);
         return iterate.evaluation.value;
     }
 
 private:
-    // The barrier parameter in nats.
-    double find_mu(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
+    double mu_in_nats(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
 
     // Choose lines, and evaluate the iterate. If it was evaluated, evaluate only limits with lines.
     void update_evaluation(Iterate& iterate) {
+        const double mu = mu_in_nats(iterate);
         constraints_.choose_lines(iterate.x, iterate.evaluation, trial_);
         if (iterate.is_evaluated)
-            constraints_.evaluate_lines(find_mu(iterate), iterate.evaluation);
+            constraints_.evaluate_lines(mu, iterate.evaluation);
         else
-            evaluate_at(iterate, iterate.x, iterate.shares, find_mu(iterate), iterate.evaluation);
+            evaluate_at(iterate, iterate.x, iterate.shares, mu, iterate.evaluation);
     }
 
     void evaluate_at(const Iterate& iterate, const double* x, const double* shares, double mu,
@@ -179,8 +180,8 @@ private:
         gradient_[n * size_ + j] = 0.0;
     }
 
-    // Move the duals along their step, with a length of at most 1 that keeps them positive. Move
-    // the iterate to the line search's last trial if it was `taken`.
+    // Move all duals along their step, with one length of at most 1 that keeps them positive. Move
+    // x, shares and evaluation to the line search's last trial if it was `taken`. Clip the duals.
     void move(Iterate& iterate, double mu, bool taken) {
         double length = 1.0;
         constraints_.find_dual_changes(iterate, mu, length);
@@ -223,6 +224,7 @@ std::unique_ptr<Newton> make_newton_for(const BarrierProblem& problem) {
 
 }  // namespace
 
+// Make a Newton that is compiled for the problem's channel model, or for any other model.
 std::unique_ptr<Newton> make_newton(const BarrierProblem& problem) {
     const LinkGains* gains = problem.gains.get();
     if (dynamic_cast<const FreeSpace*>(gains)) return make_newton_for<FreeSpace>(problem);

@@ -71,7 +71,7 @@ struct BarrierProblem {
             std::copy(x + 3 * i + 1, x + 3 * i + 3, &path[width + 2 * i]);
     }
 
-    // The number of rows of the Hessian's band below its diagonal.
+    // Rows of the Hessian's band below its diagonal: at least 3 U - 1, which hold a slot's block.
     int bandwidth() const {
         int rows = 3 * uavs - 1;
         for (const auto& limit : limits) rows = std::max(rows, limit->vectors().bandwidth());

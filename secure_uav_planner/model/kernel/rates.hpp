@@ -54,7 +54,7 @@ public:
 
     // Fill `here` with the receptions and node rates at an x. Return the objective: for one node
     // the sum over the slots of (leak - rate), and for several nodes -N times the smoothed least of
-    // their mean rates over weight. A leak that is the largest of several rates is smoothed.
+    // their means, by MaxMin::evaluate. A leak that is the largest of several rates is smoothed.
     double evaluate(const double* x, const double* shares, double mu, Evaluation& here) {
         const int G = p_.nodes();
         const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
@@ -149,7 +149,8 @@ private:
     // (rate_weights_, leak_weights_). With one ground node, derivative and weight are -1 for its
     // rate and 1 for the leak. With several, node k has c = share / weight. Its rate then has the
     // derivative -c mu / slack and the weight -c dual (primal-dual method), and its leak the same
-    // with a plus sign. A hearer's rate has the leak's numbers times Leak::differentiate_by_rates.
+    // with a plus sign, summed over nodes that share it. A hearer's rate has the leak's derivative
+    // and weight times the numbers of Leak::differentiate_by_rates.
     void differentiate_by_rates(std::size_t n, const Iterate& iterate, double mu) {
         const int G = p_.nodes();
         std::fill(rate_weights_.begin(), rate_weights_.end(), 0.0);
@@ -159,11 +160,11 @@ private:
         for (int k = 0; k < G; ++k) {
             rate_weights_[k] = by_rates_[k] = -1.0;
             if (!several_) continue;
-            const double share = iterate.shares[n * G + k] / p_.receivers.weights[k];
-            leak_weights_[leak_of(k)] += iterate.node_duals[k] * share;
-            by_leaks_[leak_of(k)] += mu / iterate.evaluation.node_slacks[k] * share;
-            rate_weights_[k] = -iterate.node_duals[k] * share;
-            by_rates_[k] = -mu / iterate.evaluation.node_slacks[k] * share;
+            const double c = iterate.shares[n * G + k] / p_.receivers.weights[k];
+            leak_weights_[leak_of(k)] += iterate.node_duals[k] * c;
+            by_leaks_[leak_of(k)] += mu / iterate.evaluation.node_slacks[k] * c;
+            rate_weights_[k] = -iterate.node_duals[k] * c;
+            by_rates_[k] = -mu / iterate.evaluation.node_slacks[k] * c;
         }
         const Reception* at = &iterate.evaluation.receptions[n * receivers() + G];
         for (std::size_t l = 0; l < leaks_.size(); ++l) {

@@ -115,11 +115,12 @@ private:
         return u ? radius : -radius;
     }
 
-    // Set `squared` to the guarantee's squared distance ([d + edge]^+)^2, and `distance` to d, the
-    // horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot n. `edge` is -radius of
-    // the eavesdropper's disc for the transmitter (nearest place) and +radius for a jammer
-    // (farthest place). For a jammer d is replaced by sqrt(d^2 + soft), which has no kink at d = 0.
-    // With edge 0, `distance` is 0. If the gain has a kink at d = 0, soft is added to `squared`.
+    // Set `distance` to d, the horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot
+    // n, and `squared` to the guarantee's ([d + edge]^+)^2. `edge` is -radius of the eavesdropper's
+    // disc for the transmitter (nearest place) and +radius for a jammer (farthest place). For a
+    // jammer `distance` is sqrt(d^2 + soft), without a kink at d = 0, and `squared` becomes d^2 +
+    // edge (2 distance + edge). With edge 0, `distance` is 0 and `squared` d^2. If the gain has a
+    // kink at d = 0, soft is added to `squared`.
     void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
                                   double& distance, double& squared) const {
         const double* place = position(n, k);
@@ -129,7 +130,6 @@ private:
         distance = 0.0;
         if (edge != 0.0) {
             distance = std::sqrt(squared + ((edge > 0.0 ? soft : 0.0) + LEAST_SQUARE));
-            // The first term is d^2 without the softening.
             squared = distance > -edge ? squared + edge * (2.0 * distance + edge) : 0.0;
         }
         if constexpr (Model::KINKED) squared += soft;

@@ -46,10 +46,9 @@ public:
         double weight;
     };
 
-    // `varies` (M, U): which points vary. `points` and `weights` (I, T): the points of each vector,
-    // of one UAV or first of one and then of another UAV. `constants` (I): added to the vectors.
-    // `differences`: whether weights of each UAV in a vector add up to 0. Vectors are then computed
-    // from offsets from the UAV's middle point, so that no digits cancel.
+    // `varies` (M, U): which points vary. `points` (I, T), as n U + u, with `weights` (I, T): first
+    // points of one UAV, then, if at all, of another. `constants` (I): added to the vectors.
+    // `differences`: whether weights of each UAV in a vector add up to 0. Weights 0 are left out.
     Vectors(int uavs, const std::vector<char>& varies, const std::vector<int>& points,
             const Reals& weights, std::vector<Point> constants, bool differences)
         : uavs_(uavs), slots_(varies.size() / uavs - 2), constants_(std::move(constants)),
@@ -74,8 +73,8 @@ public:
         return slots == slots_ && uavs == std::size_t(uavs_);
     }
 
-    // The number of rows below the diagonal that second derivatives by x fill: the largest distance
-    // of two points' x coordinates in one vector, and 1 more for y.
+    // The number of rows below the diagonal that second derivatives by x fill: the largest
+    // difference of the indices in x of two points of one vector, and 1 more for y.
     int bandwidth() const {
         std::ptrdiff_t farthest = 0;
         for (std::size_t i = 0; i < count(); ++i)
@@ -86,7 +85,8 @@ public:
     }
 
     // Fill the I `vectors` of a path, (M, U, 2): constant + sum of weight * point. If `moves` is
-    // set, the path has the points' moves instead, and the constants are left out.
+    // set, the path has the points' moves instead, and the constants are left out. If the weights
+    // of a UAV add up to 0 (differences_), its middle point is subtracted, so no digits cancel.
     void compute_vectors(const double* path, bool moves, std::vector<Point>& vectors) const {
         const auto locate = [&](std::size_t t) {
             return Point{path[2 * terms_[t].point], path[2 * terms_[t].point + 1]};
@@ -107,7 +107,7 @@ public:
         }
     }
 
-    // Add to `gradient`, (N, U, 3), by x of a function whose gradient by vector i is `slope`.
+    // Add to `gradient`, (N, U, 3), a function's gradient by x, given its gradient by vector i.
     void add_gradient(std::size_t i, Point slope, double* gradient) const {
         for_terms(i, [&](const Term& term) {
             if (term.variable < 0) return;
@@ -116,7 +116,7 @@ public:
         });
     }
 
-    // Add to the band the Hessian by x of a function whose Hessian by vector i is (xx, xy; xy, yy).
+    // Add to the band a function's Hessian by x, given its Hessian (xx, xy; xy, yy) by vector i.
     void add_curvature(std::size_t i, double xx, double xy, double yy, const Band& band) const {
         for_pairs(i, [&](const Term& later, const Term& earlier) {
             const double weight = later.weight * earlier.weight;
