@@ -108,6 +108,7 @@ class Grid:
     def step_lengths(self) -> Array:
         """Distances at full speed in a slot, at most _LONGEST_STEP * extent, (U,) in m."""
         scenario = self.scenario
+        # Diagonal of the box that contains the landmarks and has the largest altitude.
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _LONGEST_STEP * extent)
 
@@ -240,7 +241,7 @@ class Receivers:
 
     @classmethod
     def of(cls, grid: Grid, elevation_offset: float = 0.0) -> 'Receivers':
-        """Return the receivers of a grid's scenario for the guarantee; see make_links."""
+        """Return the receivers of a grid's scenario; make_links explains elevation_offset."""
         grounds, centres, radii = grid.scenario.receivers_at(grid.times)
         listeners = grid.scenario.listeners
         listening = grounds[list(listeners)]
@@ -252,7 +253,7 @@ class Receivers:
                    grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
-        """Return receivers with P points (N, E P, 2) in place of E discs; all radii are 0."""
+        """Return receivers with P points (N, E P, 2) in place of each disc; all radii are 0."""
         nodes, listeners = len(self.weights), len(self.listeners)
         eves = self.radii.shape[1] - nodes - listeners
         copies = np.repeat(np.arange(self.radii.shape[1]), [
@@ -263,7 +264,13 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x, ignoring radii."""
+        """
+        Return rates [nats] of nodes (N, G), eavesdroppers (N, E) and listeners (N, L) at x.
+
+        Radii are ignored: an eavesdropper listens at its position. UAV 0 transmits to all nodes.
+
+        :param x: power, x and y of each UAV in each slot in units of the Grid, (N, U, 3).
+        """
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -183,7 +183,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Fraction of each slot for each node times [mean R-bar along the curve]^+, (G, N)."""
+        """Each node's part of curve_rates: share * [mean R-bar]^+, (G, N) in bit/s/Hz."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
             lambda times: (self.curve.at(times).positions, self.powers))))
@@ -307,9 +307,9 @@ class Bound(Checked):
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        The percentage is 100 * share_missing, rounded up. For an infinite bound, which proves
-        nothing, the text is 'perhaps far below the best possible'. If the bound ignores limits,
-        their names follow ' without': the best possible plan is then one without them.
+        The percentage is 100 * share_missing, rounded up to 0.1. An infinite bound proves nothing:
+        the text is 'perhaps far below the best possible'. If the bound ignores limits, their names
+        follow ' without': the best possible plan is then one without them.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

@@ -25,10 +25,10 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     """
     Return the rest of a plan from a point, as a plan of the rest of the mission.
 
-    The rest has the average powers and the energy that the slots before the point leave. With
-    several ground nodes, what the slots before the point deliver becomes the head_starts of the
-    rest. Each UAV begins with the velocity at which it reaches the point. The rest has no history,
-    bound, bits and too_short.
+    The average powers and the energy of the rest are what the slots before the point do not use.
+    With several ground nodes, what these slots deliver becomes the head_starts of the rest. Each
+    UAV begins with the velocity at which it reaches the point. The rest has no history, bound,
+    bits and too_short.
 
     :param plan: a Plan.
     :param point: index of the rest's first point, from 0 to slots - 1.
