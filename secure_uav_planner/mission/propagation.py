@@ -122,7 +122,7 @@ class Channel(Checked):
 
 
 def rate_name(objective: str, promise: str) -> str:
-    """Name the rate of an objective by a Channel.promise: 'worst-case rate at mean gains'."""
+    """Name an objective's rate by a Channel.promise, as 'worst-case rate at mean gains'."""
     check_argument('objective', objective, Choice(OBJECTIVES))
     if promise == 'guaranteed':
         return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'

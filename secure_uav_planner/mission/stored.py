@@ -49,7 +49,7 @@ class Stored(Checked):
         """
         Return the scenario of a mapping that to_dict wrote; missing fields take their defaults.
 
-        Places {latitude, longitude} are converted to m if the mapping has a right origin.
+        Its places {latitude, longitude} are converted to m by its origin.
 
         :raises ScenarioError: for an unknown field, a missing one that has no default, or a
             wrong value. `further` has the errors of the other fields. If each field is right by

@@ -119,11 +119,7 @@ class Curve:
         return self._points[:, point] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
-        """
-        Return position, velocity and acceleration of the B-spline, (U, K, 2), with time in slots.
-
-        Velocity and acceleration are 0 before -1/2 and after N + 3/2 slots.
-        """
+        """Return position, velocity, acceleration on the B-spline in m and slots, (U, K, 2)."""
         inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == slot_times)[:, None]

@@ -89,7 +89,7 @@ class Problem:
         """
         Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles.
 
-        They are moved to _INSIDE steps inside the hull and _DISTANCES[0] steps from obstacles.
+        Places are first kept _INSIDE steps inside the hull, then _DISTANCES[0] from obstacles.
         """
         normals, offsets = self.airspace.hull
         free = places.copy()

@@ -331,7 +331,7 @@ class Bound(Checked):
         """
         Return the bound that to_dict wrote.
 
-        :param data: the dictionary.
+        :param data: the dictionary, whose rate None is infinite.
         :param scenario: the scenario whose plans it bounds.
         :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """

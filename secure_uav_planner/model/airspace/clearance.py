@@ -318,11 +318,7 @@ class Clearance:
                         'it must not be')
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
-        """
-        Return a UAV's closest approach to outlines of zones at its altitude; None without zones.
-
-        :param number: index of the UAV.
-        """
+        """Return the closest approach of UAV `number` to outlines of zones at its altitude."""
         zones = self._scenario.boundaries.zones_at(uav.altitude)
         if not zones:
             return None
