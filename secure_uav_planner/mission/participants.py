@@ -25,7 +25,7 @@ _VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
 
 
 def _checked_ceiling(value: Any) -> float:
-    """Return an altitude in m, infinite for None."""
+    """Return an altitude of at least 0 m as a float, infinite for None."""
     return Number(0.0, math.inf, 'm')(math.inf if value is None else value)
 
 

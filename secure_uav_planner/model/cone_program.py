@@ -88,7 +88,7 @@ def solve_cone_program(
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Return True for errors of Clarabel; it does not export the class of its Rust panics."""
+    """Return True for any Exception, and for Rust panics, whose class Clarabel does not export."""
     return isinstance(error, Exception) or type(error).__name__ == 'PanicException'
 
 

@@ -85,12 +85,12 @@ class Grid:
 
     @cached_property
     def starts(self) -> Array:
-        """Where the UAVs start, (U, 2) in units."""
+        """Where the UAVs start, (U, 2) in units of `length` from `origin`."""
         return (self.scenario.starts - self.origin) / self.length
 
     @cached_property
     def goals(self) -> Array:
-        """Where the UAVs end, (U, 2) in units."""
+        """Where the UAVs end, (U, 2) in units of `length` from `origin`."""
         return (self.scenario.goals - self.origin) / self.length
 
     @cached_property
@@ -127,15 +127,15 @@ class Grid:
         return self.to_positions(self.path(x))
 
     def path(self, x: Array) -> Array:
-        """Return the path of x (N, U, 3)."""
+        """Return starts, points of x (N, U, 3) and goals, (N+2, U, 2) in units of `length`."""
         return np.concatenate([self.starts[None], x[..., 1:], self.goals[None]])
 
     def to_path(self, positions: Array) -> Array:
-        """Return the path of positions (U, N+2, 2) in m."""
+        """Return positions (U, N+2, 2) in m as a path (N+2, U, 2) in units of `length`."""
         return (np.swapaxes(positions, 0, 1) - self.origin) / self.length
 
     def to_positions(self, path: Array) -> Array:
-        """Return the positions of a path, (U, N+2, 2) in m."""
+        """Return a path (N+2, U, 2) as positions (U, N+2, 2) in m, with exact starts and goals."""
         positions: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
         positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
         return positions

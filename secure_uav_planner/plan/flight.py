@@ -122,7 +122,7 @@ class TimeScaleLimit:
         """
         Return a target playback speed, lowered so that the flight at `time` can stop at its end.
 
-        :param fastest: largest playback speed that may occur; a new largest one is integrated.
+        :param fastest: largest playback speed that may occur; a larger one renews the curve.
         """
         if self._fastest < fastest:
             self._fastest = fastest

@@ -166,10 +166,10 @@ class Player:
         """
         Supersede the plan by the pending one if its time has come; return True if that is done.
 
-        The end of the present plan lets the pending one begin earlier. A pending plan whose
-        setpoints would jump is refused. After the end of the present plan, a refusal also stops
-        playing, and `start` may begin the refused plan. `elapsed` is the time since the last
-        setpoints [s], and `lateness` the first words of a refusal.
+        The time has also come if the present plan has ended. A pending plan whose setpoints would
+        jump is refused. A refusal after the end of the present plan stops playing, and `start` may
+        begin the refused plan later. `elapsed` is the time since the last setpoints [s], and
+        `lateness` the first words of a refusal.
         """
         if self._pending is None or self.flight is None:
             return False

@@ -149,7 +149,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def guaranteed_shares(self) -> Array:
-        """Guaranteed rate of each ground node times its fraction of each slot, (G, N)."""
+        """Guaranteed rate [R-bar]^+ of each node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('guaranteed'))
 
     @cached_property
@@ -164,7 +164,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def worst_case_shares(self) -> Array:
-        """Worst-case rate of each ground node times its fraction of each slot, (G, N)."""
+        """Worst-case rate [R]^+ of each node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('worst_case'))
 
     @cached_property
@@ -183,14 +183,14 @@ class RatedFlight(Checked):
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Each node's part of curve_rates: share * [mean R-bar]^+, (G, N) in bit/s/Hz."""
+        """Each node's part of curve_rates: share * [slot mean of R-bar]^+, (G, N) in bit/s/Hz."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
             lambda times: (self.curve.at(times).positions, self.powers))))
 
     @property
     def curve_rate(self) -> float:
-        """Mean of curve_rates in bit/s/Hz: the information delivered per second and Hz."""
+        """Mean of curve_rates in bit/s/Hz; for several ground nodes as in guaranteed_rate."""
         return find_least_rate(self.scenario, self.curve_shares.mean(axis=1))
 
     @property
@@ -217,12 +217,12 @@ class RatedFlight(Checked):
 
     @property
     def worst_case_rate(self) -> float:
-        """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
+        """Mean of worst_case_rates [bit/s/Hz], as in (P1); several nodes as in guaranteed_rate."""
         return find_least_rate(self.scenario, self.worst_case_shares.mean(axis=1))
 
     @property
     def rate(self) -> float:
-        """Mean rate of the plan's objective in bit/s/Hz."""
+        """Rate of the plan's objective in bit/s/Hz: guaranteed_rate or worst_case_rate."""
         return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
 
     def _find_node_rates(self, objective: Objective) -> Array:

@@ -171,7 +171,7 @@ def _join_gaps(plan: Plan, tail: Plan, last_point: int, delay: float
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
               ) -> tuple[tuple[float, float], ...]:
-    """Return gaps delayed by `seconds`, then clipped to the times from `begin` to `end` [s]."""
+    """Return gaps delayed by `seconds`, then clipped to `begin`..`end` [s], without empty ones."""
     moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
     return tuple((first, last) for first, last in moved if first < last)
 

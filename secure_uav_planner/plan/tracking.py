@@ -79,7 +79,7 @@ class FollowerReports:
 
     @property
     def last_ns(self) -> int:
-        """Time of the last report in ns."""
+        """Time of the clock in the last report in ns."""
         return self._pairs[-1][0]
 
     @property
@@ -109,7 +109,7 @@ class FollowerReports:
         return clock_ns - self.last_ns <= SILENCE * 1e9
 
     def _since_last(self) -> Array:
-        """Return the times of clock and plan since the last report, (2, K) in ns, exactly."""
+        """Return each report's times of clock and plan, 0 at the last report, (2, K) in ns."""
         return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
                              for clock, plan in self._pairs])
 
@@ -137,7 +137,7 @@ class FollowerReports:
 
     @property
     def first_ns(self) -> int:
-        """Time [ns] of the first kept report, before which the plan's time is not known."""
+        """Clock's time [ns] in the first kept report; the plan's time before is not known."""
         return self._pairs[0][0]
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
@@ -279,7 +279,8 @@ def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float
 
     :param times: (K,) in s from point 0. Before the measurement, its position and velocity are
         returned.
-    :param max_acceleration: deceleration of braking [m/s^2]; None stops at once.
+    :param max_acceleration: deceleration of braking [m/s^2]. None stops at once: all velocities
+        are then 0.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     velocity = np.array(state.velocity or (0.0, 0.0))

@@ -101,7 +101,7 @@ class VisibilityGraph:
         return np.asarray(distances[-1 - len(begins):-1])
 
     def find_nearest_free(self, place: Array) -> Array:
-        """Return a place (2,) in m, moved to the outline of an enlarged obstacle around it."""
+        """Return a place (2,) in m, moved to the nearest outline if in an enlarged obstacle."""
         point = shapely.Point(place)
         for part in self._parts:
             if part.contains(point):
