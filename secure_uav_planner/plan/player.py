@@ -149,7 +149,7 @@ class Player:
                 self._renew(Playback(ended, self._mutes_unpromised))
 
     def _adopt(self, flight: Flight) -> None:
-        """Replace the flight, and count its delivery and its jumps from zero."""
+        """Replace the flight, drop a waiting plan, and count delivery and jumps from zero."""
         self.flight, self._limit, self._pending = flight, TimeScaleLimit(flight.playback), None
         self._elsewhere = None
         self.delivered = self.largest_jump = 0.0

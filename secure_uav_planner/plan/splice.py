@@ -69,7 +69,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param plan: a Plan.
     :param point: index of the tail's first point, as passed to cut_tail.
     :param tail: a Plan of the mission of cut_tail, perhaps with other receivers.
-    :param beginning: positions and powers up to the point, if they are not the plan's.
+    :param beginning: positions (U, M, 2) in m and powers (U, M) in W up to the point, M >= point,
+        if they are not the plan's.
     :param first: index of the last point at which the receivers and the promise of the plan
         apply; by default `point`. The tail's receivers and promise apply after it.
     :return: a Plan of the whole mission, with the plan's start, the tail's method and no bound.
