@@ -58,10 +58,10 @@ class PlanningError(Exception):
         Put a path in front of `place`, and in front of the message until it names a field.
 
         'is 5' becomes 'vertices[0] is 5' by add_path(0) and add_path('vertices'). A path that is
-        added later changes `place` only.
+        added later goes in front of `place` only.
 
         :param path: path of the value whose part has the error.
-        :param owner: name of the object that has the field, put in front of the message.
+        :param owner: name of the object that has the field; it always precedes the message.
         """
         self.place = (*path, *self.place)
         if self._subject is not None:

@@ -69,8 +69,8 @@ def check_ends(uavs: Sequence[Uav], slot_duration: float, separation: float,
     except ScenarioError as error:
         yield error
     for field in ('start', 'goal'):
-        # The flown curve begins and ends up to end_deviation from the start and the goal. A plan's
-        # tail may start beyond a limit by POSITION_TOLERANCE, from rounding.
+        # The flown curve passes the start and the goal at a distance of up to end_deviation.
+        # A plan's tail may start beyond a limit by POSITION_TOLERANCE, from rounding.
         slacks = [2 * POSITION_TOLERANCE + uav.end_deviation(field, slot_duration)
                   for uav in uavs]
         for number, slack in enumerate(slacks):

@@ -45,6 +45,7 @@ class Number:
     unit: str = ''
 
     def __call__(self, value: Any) -> float:
+        """Return a number from `low` to `high` as a float, or raise ScenarioError."""
         number = to_number(value)
         if not self.low <= number <= self.high:
             suffix = f' {self.unit}' if self.unit else ''
@@ -85,11 +86,12 @@ class Pair:
     is_optional: bool = False
 
     def __call__(self, value: Any) -> Point:
-        """Return a pair (x, y) as floats, or refuse places in degrees and wrong numbers."""
+        """Return a pair (x, y) as floats; refuse places in degrees, wrong numbers and None."""
         check_degrees(value)
         low, high = COORDINATE.low, COORDINATE.high
         x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2
         if not (low <= x <= high and low <= y <= high):
+            # FieldChecks accepts None for an optional field and does not call this check.
             allowed = f'{quote(None)} or {self.noun}' if self.is_optional else self.noun
             raise refuse(value, f'{allowed} (x, y) from {low:g} to {high:g} {self.unit}')
         return (x, y)
@@ -195,7 +197,7 @@ def check_items(values: Iterable[Any], check: Callable[[Any], Any]) -> tuple[Any
 
 
 def check_numbers(values: Iterable[Any], ranges: Mapping[str, Number]) -> tuple[float, ...]:
-    """Return numbers as floats, number k checked by range k, whose name an error has."""
+    """Return numbers as floats, number k checked by range k; an error names the range."""
     numbers = []
     for value, (name, check) in zip(values, ranges.items(), strict=True):
         try:

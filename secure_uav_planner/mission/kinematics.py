@@ -46,7 +46,7 @@ class Vehicle:
 
     @property
     def is_straight_optimal(self) -> bool:
-        """Whether a straight flight has the least utilisation: each end is free or at rest."""
+        """Whether a straight flight is best: no acceleration limit, or ends free or at rest."""
         return math.isinf(self.max_acceleration) or all(
             velocity in (None, (0.0, 0.0))
             for velocity in (self.start_velocity, self.goal_velocity))

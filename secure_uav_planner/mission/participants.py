@@ -25,7 +25,7 @@ _VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
 
 
 def _checked_ceiling(value: Any) -> float:
-    """Return an altitude in m, infinite for None."""
+    """Return an altitude of at least 0 m as a float, infinite for None."""
     return Number(0.0, math.inf, 'm')(math.inf if value is None else value)
 
 
@@ -42,7 +42,7 @@ class Receiver(Checked):
 
     @classmethod
     def _check_together(cls, checks: FieldChecks) -> None:
-        """Set the fields DECIDED from a track at point 0; without a track require a position."""
+        """Set the fields DECIDED, as position, by a track at point 0; else require a position."""
         item = checks.item
         if item.track is not None and checks.are_right('track'):
             for name in cls.DECIDED:
@@ -278,7 +278,7 @@ class Uav(Checked):
 
     @staticmethod
     def _check_together(checks: FieldChecks) -> None:
-        """Check powers, end velocities and energy; with max_energy set Propulsion() if None."""
+        """Check powers, end velocities, energy; max_energy sets a missing propulsion."""
         item = checks.item
         if (checks.are_right('average_power', 'peak_power')
                 and item.peak_power < item.average_power):
@@ -301,10 +301,10 @@ class Uav(Checked):
 
     def end_deviation(self, end: str, slot_duration: float) -> float:
         """
-        Return the largest distance in m of the flown curve from the start or the goal.
+        Return the largest distance in m of the flown curve at point 0 or N+1 from start or goal.
 
         The distance is 0 for a UAV that rests at this end or has no limit of acceleration: its
-        curve begins or ends exactly at the point.
+        curve begins at the start, or ends at the goal.
 
         :param end: 'start' or 'goal'.
         :param slot_duration: length of a slot in s.

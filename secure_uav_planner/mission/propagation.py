@@ -27,7 +27,7 @@ _LOS_NUMBERS = {'a': Number(0.01, 100.0), 'b': Number(0.001, 2.0),
 
 
 def _checked_los(value: Any) -> Any:
-    """Return a checked `los`: the name of an environment, or a tuple of three numbers."""
+    """Return a `los` other than None: an environment's name, or a tuple of three floats."""
     if isinstance(value, str) and value in ENVIRONMENTS:
         return value
     if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
@@ -122,7 +122,7 @@ class Channel(Checked):
 
 
 def rate_name(objective: str, promise: str) -> str:
-    """Name the rate of an objective, such as 'worst-case rate at mean gains'."""
+    """Name an objective's rate by a Channel.promise, as 'worst-case rate at mean gains'."""
     check_argument('objective', objective, Choice(OBJECTIVES))
     if promise == 'guaranteed':
         return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'

@@ -49,6 +49,8 @@ class Stored(Checked):
         """
         Return the scenario of a mapping that to_dict wrote; missing fields take their defaults.
 
+        Its places {latitude, longitude} are converted to m by its origin.
+
         :raises ScenarioError: for an unknown field, a missing one that has no default, or a
             wrong value. `further` has the errors of the other fields. If each field is right by
             itself, the errors are of fields that do not fit each other.

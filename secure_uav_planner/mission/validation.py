@@ -41,7 +41,7 @@ def is_sequence(value: object) -> bool:
 
 
 def make_unique(names: list[str]) -> tuple[str, ...]:
-    """Return names; a repeated one gets its number in the list, from 1, or a later free one."""
+    """Return names; a repeated one has its list number, from 1, or a later free one, appended."""
     results: list[str] = []
     for number, name in enumerate(names, start=1):
         unique = name

@@ -88,7 +88,7 @@ def solve_cone_program(
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Return True for errors of Clarabel; it does not export the class of its Rust panics."""
+    """Return True for any Exception, and for Rust panics, whose class Clarabel does not export."""
     return isinstance(error, Exception) or type(error).__name__ == 'PanicException'
 
 
@@ -112,7 +112,7 @@ class LeastFlights:
 
     def find_utilisations(self, scenario: Scenario,
                           raise_if_over: Callable[[], None] = lambda: None) -> Array:
-        """Return the least utilisation of a flight of each UAV of a scenario, (U,)."""
+        """Return the least utilisation of each UAV's flight in the scenario's slots, (U,)."""
         slots = scenario.slots
         # Rounded like Grid.slot_duration, so that both are the same key of the cache.
         step = scenario.slot_duration * (slots + 1) / (slots + 1)

@@ -68,6 +68,7 @@ class Curve:
     """
 
     def __init__(self, scenario: Scenario, positions: Array) -> None:
+        """Compute the times begin and end, and the moves and headings from point to point."""
         self._points = positions
         self._step = scenario.slot_duration
         self._last = positions.shape[1] - 1
@@ -118,7 +119,7 @@ class Curve:
         return self._points[:, point] + share * move, move, np.zeros_like(move)
 
     def _evaluate_spline(self, slot_times: Array) -> tuple[Array, Array, Array]:
-        """Return evaluate_spline of the curve, with velocity and acceleration 0 outside it."""
+        """Return position, velocity, acceleration on the B-spline in m and slots, (U, K, 2)."""
         inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == slot_times)[:, None]
@@ -171,6 +172,7 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
     for place, weight in GAUSS_LEGENDRE if len(slots) else ():
         times = np.asarray((slots + 1.5 + place) * scenario.slot_duration, float)
         positions, powers = state_at(times)
+        # The rates ignore the first and the last point, which are padding here.
         rates += weight * find_rates(
             scenario, np.pad(positions, ((0, 0), (1, 1), (0, 0))), powers, times=times)
     return rates

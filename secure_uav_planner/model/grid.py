@@ -85,12 +85,12 @@ class Grid:
 
     @cached_property
     def starts(self) -> Array:
-        """Where the UAVs start, (U, 2) in units."""
+        """Where the UAVs start, (U, 2) in units of `length` from `origin`."""
         return (self.scenario.starts - self.origin) / self.length
 
     @cached_property
     def goals(self) -> Array:
-        """Where the UAVs end, (U, 2) in units."""
+        """Where the UAVs end, (U, 2) in units of `length` from `origin`."""
         return (self.scenario.goals - self.origin) / self.length
 
     @cached_property
@@ -108,6 +108,7 @@ class Grid:
     def step_lengths(self) -> Array:
         """Distances at full speed in a slot, at most _LONGEST_STEP * extent, (U,) in m."""
         scenario = self.scenario
+        # Diagonal of the box that contains the landmarks and has the largest altitude.
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _LONGEST_STEP * extent)
 
@@ -126,15 +127,15 @@ class Grid:
         return self.to_positions(self.path(x))
 
     def path(self, x: Array) -> Array:
-        """Return the path of x (N, U, 3)."""
+        """Return starts, points of x (N, U, 3) and goals, (N+2, U, 2) in units of `length`."""
         return np.concatenate([self.starts[None], x[..., 1:], self.goals[None]])
 
     def to_path(self, positions: Array) -> Array:
-        """Return the path of positions (U, N+2, 2) in m."""
+        """Return positions (U, N+2, 2) in m as a path (N+2, U, 2) in units of `length`."""
         return (np.swapaxes(positions, 0, 1) - self.origin) / self.length
 
     def to_positions(self, path: Array) -> Array:
-        """Return the positions of a path, (U, N+2, 2) in m."""
+        """Return a path (N+2, U, 2) as positions (U, N+2, 2) in m, with exact starts and goals."""
         positions: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
         positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
         return positions
@@ -240,7 +241,7 @@ class Receivers:
 
     @classmethod
     def of(cls, grid: Grid, elevation_offset: float = 0.0) -> 'Receivers':
-        """Return the receivers of a grid's scenario for the guarantee; see make_links."""
+        """Return the receivers of a grid's scenario; make_links explains elevation_offset."""
         grounds, centres, radii = grid.scenario.receivers_at(grid.times)
         listeners = grid.scenario.listeners
         listening = grounds[list(listeners)]
@@ -252,7 +253,7 @@ class Receivers:
                    grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
-        """Return receivers with P points (N, E P, 2) in place of E discs; all radii are 0."""
+        """Return receivers with P points (N, E P, 2) in place of each disc; all radii are 0."""
         nodes, listeners = len(self.weights), len(self.listeners)
         eves = self.radii.shape[1] - nodes - listeners
         copies = np.repeat(np.arange(self.radii.shape[1]), [
@@ -263,7 +264,13 @@ class Receivers:
                        link=self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return rates [nats] of nodes (N, G), eavesdroppers, listeners at x, ignoring radii."""
+        """
+        Return rates [nats] of nodes (N, G), eavesdroppers (N, E) and listeners (N, L) at x.
+
+        Radii are ignored: an eavesdropper listens at its position. UAV 0 transmits to all nodes.
+
+        :param x: power, x and y of each UAV in each slot in units of the Grid, (N, U, 3).
+        """
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))

@@ -86,7 +86,11 @@ class Problem:
         return powers
 
     def find_free_places(self, places: Array, raise_if_over: Callable[[], None]) -> Array:
-        """Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles."""
+        """
+        Return places (..., U, 2) in m moved inside the fence's hull, then out of obstacles.
+
+        Places are first kept _INSIDE steps inside the hull, then _DISTANCES[0] from obstacles.
+        """
         normals, offsets = self.airspace.hull
         free = places.copy()
         for uav, step in enumerate(self.grid.step_lengths.tolist()):
@@ -134,7 +138,7 @@ class Problem:
 
 
 def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
-    """Return a place (2,) moved into the half-planes normals @ place <= offsets by projections."""
+    """Return a place (2,) after up to 100 projections into half-planes normals @ x <= offsets."""
     for _ in range(100):
         beyond = normals @ place - offsets
         if (beyond <= 0).all():

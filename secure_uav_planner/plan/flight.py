@@ -89,8 +89,8 @@ class TimeScaleLimit:
         Return the playback speed nearest to a target that keeps all acceleration limits.
 
         The target is first lowered to a playback speed from which the flight can stop at its end.
-        Without acceleration limits it is returned as it is. A playback speed r > 1 has limits r^2
-        times the UAVs' own.
+        Without acceleration limits it is returned as it is. If the target or the present playback
+        speed r exceeds 1, the limits are r^2 times the UAVs' own.
 
         :param target: the wanted playback speed.
         :param flight: the flight at the last setpoint.
@@ -122,7 +122,7 @@ class TimeScaleLimit:
         """
         Return a target playback speed, lowered so that the flight at `time` can stop at its end.
 
-        :param fastest: largest playback speed that may occur; a new largest one is integrated to.
+        :param fastest: largest playback speed that may occur; a larger one renews the curve.
         """
         if self._fastest < fastest:
             self._fastest = fastest

@@ -113,7 +113,7 @@ class Plan(RatedFlight):
     _ERROR = PlanError
 
     def __post_init__(self) -> None:
-        """Check and convert all fields, then the limits and clearances of the flight."""
+        """Check and convert all fields, check limits and clearances, then complete `shares`."""
         super().__post_init__()
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for name, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):

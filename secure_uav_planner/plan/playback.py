@@ -117,6 +117,7 @@ class Playback:
     def secrecy_rates(self, times: ArrayLike, eavesdropper: ArrayLike | None = None) -> Array:
         """Return the secrecy rates at times (K,) in s, (K,) in bit/s/Hz; see secrecy_rate."""
         times = checked_array('times', times, (None,))
+        # The rates ignore the first and the last point, which are padding here.
         points = np.pad(self.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
         scenario, powers = self.plan.scenario, self._powers_at(times)
         rates = (channel.find_node_rates(scenario, points, powers, np.zeros(len(times)), times)

@@ -93,10 +93,11 @@ class Player:
         Adopt a plan now or later, or refuse it; return False if it is refused or not new.
 
         A plan with the identity of the present one is not new: only its promise is taken over. A
-        plan with the same start is a revision of the flight and replaces the present one at once.
-        Another plan replaces it at once if no setpoints are sent. Otherwise it is pending until
-        the present plan reaches the start of the new one, or its own end. A pause or a lower speed
-        before the splice delays both flights alike.
+        plan for other UAVs is refused, and a plan with another start no later than a flown one's.
+        Without a stream of setpoints, a new plan replaces the present one at once. In a stream,
+        only a revision does, a plan with the same start. Any other plan is pending until the
+        present plan reaches the start of the new one, or its own end. A plan whose setpoints would
+        jump is refused. A pause or a lower speed before the splice delays both flights alike.
         """
         new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan
@@ -134,7 +135,11 @@ class Player:
             self._latest = playback
 
     def _check_promise(self, now_ns: int) -> None:
-        """End the promise for good if the flight is over PUNCTUAL s early or late for it."""
+        """
+        End the promise for good if the flight is over PUNCTUAL s early or late for it.
+
+        A promise of the whole flight, with promised_until None, does not end.
+        """
         assert self.flight is not None
         plan, state = self.flight.playback.plan, self.flight.state
         if plan.promised_until is not None and state != 'ended' and (
@@ -144,7 +149,7 @@ class Player:
                 self._renew(Playback(ended, self._mutes_unpromised))
 
     def _adopt(self, flight: Flight) -> None:
-        """Replace the flight, and count its delivery and its jumps from zero."""
+        """Replace the flight, drop a waiting plan, and count delivery and jumps from zero."""
         self.flight, self._limit, self._pending = flight, TimeScaleLimit(flight.playback), None
         self._elsewhere = None
         self.delivered = self.largest_jump = 0.0
@@ -161,9 +166,10 @@ class Player:
         """
         Supersede the plan by the pending one if its time has come; return True if that is done.
 
-        Its time has also come if the present plan has ended. A pending plan whose setpoints would
-        jump is refused. `elapsed` is the time since the last setpoints [s], and `lateness` the
-        first words of a refusal.
+        The time has also come if the present plan has ended. A pending plan whose setpoints would
+        jump is refused. A refusal after the end of the present plan stops playing, and `start` may
+        begin the refused plan later. `elapsed` is the time since the last setpoints [s], and
+        `lateness` the first words of a refusal.
         """
         if self._pending is None or self.flight is None:
             return False
@@ -231,7 +237,7 @@ class Player:
 
     def _begin_elsewhere(self, new: Playback, positions: Sequence[Point3 | None],
                          tolerance: float) -> None:
-        """Adopt a plan if all UAVs are within `tolerance` m of its start, or raise OptionError."""
+        """Adopt a plan if all UAVs are known to be within `tolerance` m of its start, or raise."""
         positions = positions or [None] * len(new.plan.scenario.uavs)
         problems = [f'the position of {uav.name} is not known' if position is None else
                     f'{uav.name} is {distance:.1f} m from its start; the limit is {tolerance:g} m'
@@ -264,7 +270,7 @@ class Player:
         Describe each UAV that is not at its start, with the distance [m] or time left [s].
 
         :param positions: measured position of each UAV, or None for an unknown one. An unknown
-            UAV is given the time to fly from its last setpoint to the start.
+            UAV is given the time to fly from its last setpoint, if any, to the start.
         :param tolerance: distance [m] from its start within which a UAV is at its start.
         :param speed: the playback speed; above 1, UAVs move that much faster than max_speed.
         """
@@ -348,7 +354,11 @@ class Player:
 
     def _note_advance(self, before: Flight, eavesdropper: ArrayLike | None, is_silent: bool
                       ) -> None:
-        """Note that the plan is flown, add what it delivered since `before`, stop at its end."""
+        """
+        Note that the plan is flown, add what it delivered since `before`, stop at its end.
+
+        Silent setpoints deliver nothing. Playing continues after the end if a plan is pending.
+        """
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:

@@ -54,7 +54,7 @@ class _PromisedRate:
         self._name = name  # Attribute of a plan with rates of nodes times their shares, (G, N).
 
     def __get__(self, promise: 'Promise', _: object = None) -> float:
-        """Return the least over nodes of (mean in promised slots + offset) / weight, or NaN."""
+        """Return the least (mean of promised slots + node_offset) / node_weight; NaN if none."""
         if not promise.slots:
             return math.nan
         rates: Array = getattr(promise.plan, self._name)

@@ -149,7 +149,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def guaranteed_shares(self) -> Array:
-        """Guaranteed rate of each ground node times its fraction of each slot, (G, N)."""
+        """Guaranteed rate [R-bar]^+ of each node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('guaranteed'))
 
     @cached_property
@@ -164,7 +164,7 @@ class RatedFlight(Checked):
 
     @cached_property
     def worst_case_shares(self) -> Array:
-        """Worst-case rate of each ground node times its fraction of each slot, (G, N)."""
+        """Worst-case rate [R]^+ of each node times its fraction of each slot, (G, N)."""
         return read_only(self.shares * self._find_node_rates('worst_case'))
 
     @cached_property
@@ -183,14 +183,14 @@ class RatedFlight(Checked):
 
     @cached_property
     def curve_shares(self) -> Array:
-        """Fraction of each slot for each node times [mean R-bar along the curve]^+, (G, N)."""
+        """Each node's part of curve_rates: share * [slot mean of R-bar]^+, (G, N) in bit/s/Hz."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
             lambda times: (self.curve.at(times).positions, self.powers))))
 
     @property
     def curve_rate(self) -> float:
-        """Mean of curve_rates in bit/s/Hz: the information delivered per second and Hz."""
+        """Mean of curve_rates in bit/s/Hz; for several ground nodes as in guaranteed_rate."""
         return find_least_rate(self.scenario, self.curve_shares.mean(axis=1))
 
     @property
@@ -217,12 +217,12 @@ class RatedFlight(Checked):
 
     @property
     def worst_case_rate(self) -> float:
-        """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
+        """Mean of worst_case_rates [bit/s/Hz], as in (P1); several nodes as in guaranteed_rate."""
         return find_least_rate(self.scenario, self.worst_case_shares.mean(axis=1))
 
     @property
     def rate(self) -> float:
-        """Mean rate of the plan's objective in bit/s/Hz."""
+        """Rate of the plan's objective in bit/s/Hz: guaranteed_rate or worst_case_rate."""
         return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
 
     def _find_node_rates(self, objective: Objective) -> Array:
@@ -307,9 +307,9 @@ class Bound(Checked):
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        The percentage is 100 * share_missing, rounded up. For an infinite bound, which proves
-        nothing, the text is 'perhaps far below the best possible'. If the bound ignores limits,
-        their names follow ' without': the best possible plan is then one without them.
+        The percentage is 100 * share_missing, rounded up to 0.1. An infinite bound proves nothing:
+        the text is 'perhaps far below the best possible'. If the bound ignores limits, their names
+        follow ' without': the best possible plan is then one without them.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.
@@ -331,7 +331,7 @@ class Bound(Checked):
         """
         Return the bound that to_dict wrote.
 
-        :param data: the dictionary.
+        :param data: the dictionary, whose rate None is infinite.
         :param scenario: the scenario whose plans it bounds.
         :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """

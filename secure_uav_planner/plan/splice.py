@@ -25,10 +25,10 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     """
     Return the rest of a plan from a point, as a plan of the rest of the mission.
 
-    The rest has the average powers and the energy that the slots before the point leave. With
-    several ground nodes, what the slots before the point deliver becomes the head_starts of the
-    rest. Each UAV begins with the velocity at which it reaches the point. The rest has no history,
-    bound, bits and too_short.
+    The average powers and the energy of the rest are what the slots before the point do not use.
+    With several ground nodes, what these slots deliver becomes the head_starts of the rest. Each
+    UAV begins with the velocity at which it reaches the point. The rest has no history, bound,
+    bits and too_short.
 
     :param plan: a Plan.
     :param point: index of the rest's first point, from 0 to slots - 1.
@@ -69,7 +69,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param plan: a Plan.
     :param point: index of the tail's first point, as passed to cut_tail.
     :param tail: a Plan of the mission of cut_tail, perhaps with other receivers.
-    :param beginning: positions and powers up to the point, if they are not the plan's.
+    :param beginning: positions (U, M, 2) in m and powers (U, M) in W up to the point, M >= point,
+        if they are not the plan's.
     :param first: index of the last point at which the receivers and the promise of the plan
         apply; by default `point`. The tail's receivers and promise apply after it.
     :return: a Plan of the whole mission, with the plan's start, the tail's method and no bound.
@@ -171,7 +172,7 @@ def _join_gaps(plan: Plan, tail: Plan, last_point: int, delay: float
 
 def _cut_gaps(gaps: Sequence[tuple[float, float]], seconds: float, begin: float, end: float
               ) -> tuple[tuple[float, float], ...]:
-    """Return gaps delayed by `seconds`, then clipped to the times from `begin` to `end` [s]."""
+    """Return gaps delayed by `seconds`, then clipped to `begin`..`end` [s], without empty ones."""
     moved = ((max(first + seconds, begin), min(last + seconds, end)) for first, last in gaps)
     return tuple((first, last) for first, last in moved if first < last)
 

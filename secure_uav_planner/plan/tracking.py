@@ -54,6 +54,7 @@ class FollowerReports:
 
     def __init__(self, follower: str, identity: str, time_scale: float,
                  earlier: 'FollowerReports | None' = None) -> None:
+        """Begin with the reports of `earlier`; time_scale is assumed until the second report."""
         self.follower, self.identity, self._first_scale = follower, identity, time_scale
         self._pairs: deque[tuple[int, int]] = deque(  # Times of the clock and the plan [ns].
             earlier._pairs if earlier else ())
@@ -78,7 +79,7 @@ class FollowerReports:
 
     @property
     def last_ns(self) -> int:
-        """Time of the last report in ns."""
+        """Time of the clock in the last report in ns."""
         return self._pairs[-1][0]
 
     @property
@@ -88,10 +89,10 @@ class FollowerReports:
 
     def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
         """
-        Return the plan's time [ns] in the first report from which on all reports depart.
+        Return the plan's time [ns] in the first report of the last run of reports that depart.
 
-        If the last report does not depart, it is the time in the last report. Reports from before
-        the first one about this plan are left out.
+        If the last report does not depart, its plan's time is returned. Reports from before the
+        first one about this plan are left out.
 
         :param has_departed: tells for the times of the clock and of the plan [ns] whether the
             flight departs from its schedule.
@@ -108,7 +109,7 @@ class FollowerReports:
         return clock_ns - self.last_ns <= SILENCE * 1e9
 
     def _since_last(self) -> Array:
-        """Return the times of clock and plan since the last report, (2, K) in ns, exactly."""
+        """Return each report's times of clock and plan, 0 at the last report, (2, K) in ns."""
         return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
                              for clock, plan in self._pairs])
 
@@ -136,17 +137,17 @@ class FollowerReports:
 
     @property
     def first_ns(self) -> int:
-        """Time [ns] of the first kept report, before which the plan's time is not known."""
+        """Clock's time [ns] in the first kept report; the plan's time before is not known."""
         return self._pairs[0][0]
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """
         Return the plan's time [s] from its point 0 at a clock's time [ns], and a playback speed.
 
-        The speed is the one between the last two reports, also for an earlier clock's time.
-        Between reports the plan's time is interpolated, and before the first report it is the
-        first reported one. After the last report it advances at the playback speed for SILENCE.
-        Then it stands still and the playback speed is 0.
+        The playback speed is the one between the last two reports, also for an earlier clock's
+        time. With a single report it is assumed. Between reports the plan's time is interpolated,
+        and before the first report it is the first reported one. After the last report it advances
+        at the playback speed for SILENCE. Then it stands still and the playback speed is 0.
         """
         (last, plan), scale = self._pairs[-1], self._first_scale
         if self.has_time_scale:
@@ -214,8 +215,8 @@ class Watch:
 
         From the first state, predict_stop and predict_return give two positions for now. The last
         measured one must be at least _DISTINCT_M nearer to the stop than to the return. The last
-        velocity, if known, must be nearer to 0 than to the autopilot's command. Before
-        _LEAST_WATCHED_S of motion the answer is False.
+        velocity, if known, must be nearer to 0 than to the autopilot's command. The answer is
+        False if the states span less than _LEAST_WATCHED_S.
         """
         if not self._states or (
                 self._states[-1].time - self._states[0].time < _LEAST_WATCHED_S):
@@ -236,8 +237,8 @@ def predict_return(playback: Playback, uav: int, state: MeasuredState, times: Ar
     Predict the flight of a UAV back to its plan, as its autopilot would steer it.
 
     The commanded velocity is the planned velocity plus GAIN times the offset to the plan, at most
-    max_speed. Velocity changes at max_acceleration, and is low enough to brake at it in time. If
-    the velocity was not measured, the UAV begins with the planned one.
+    max_speed, and low enough to brake in time. The velocity changes by max_acceleration at most,
+    or at once without it. If it was not measured, the UAV begins with the planned velocity.
 
     :param times: (K,) in s from point 0, increasing. Before the time of the measured state, its
         position and velocity are returned.
@@ -278,7 +279,8 @@ def predict_stop(state: MeasuredState, times: ArrayLike, max_acceleration: float
 
     :param times: (K,) in s from point 0. Before the measurement, its position and velocity are
         returned.
-    :param max_acceleration: deceleration of braking [m/s^2]; None stops at once.
+    :param max_acceleration: deceleration of braking [m/s^2]. None stops at once: all velocities
+        are then 0.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     velocity = np.array(state.velocity or (0.0, 0.0))
@@ -381,12 +383,14 @@ class AchievedRates:
     def add(self, playback: Playback, time: float, positions: Array, time_scale: float = 1.0
             ) -> None:
         """
-        Add the time since the last call to the means, with rates at measured positions (U, 2) [m].
+        Add the rates at measured and planned positions to the means, weighted with their time.
 
-        A plan with another start begins a new flight. The time since the last call is left out of
-        the means if it exceeds 2 s, or `time_scale` times 2 s for a faster playback.
+        The weight is the time within slots since the last call. Nothing is added in the first call
+        of a flight, or if more than LONGEST_GAP * max(1, time_scale) has passed since the last
+        call. A plan with another start begins a new flight.
 
         :param time: time [s] of the positions, from point 0 of the plan.
+        :param positions: measured positions, (U, 2) in m.
         :param time_scale: playback speed.
         :raises OptionError: for positions of another shape.
         """
@@ -406,6 +410,7 @@ class AchievedRates:
             return
         time = min(time, slots_end - 1e-6 * scenario.slot_duration)  # Inside the last slot.
         moment = playback.at(time)
+        # Measured and planned positions, as two slots. The rates ignore the padding at both ends.
         both = np.stack([positions, moment.positions], axis=1)
         rates = channel.guaranteed_node_rates(
             scenario, np.pad(both, ((0, 0), (1, 1), (0, 0))),

@@ -173,7 +173,11 @@ def _order_corners(ring: Any, origin: Origin) -> list[tuple[float, float]]:
 
 
 def _read_height(properties: Mapping[str, Any], name: str, origin: Origin) -> Any:
-    """Return 'floor' or 'ceiling' [m] above the ground, by <name> or <name>_amsl, or None."""
+    """
+    Return the property floor or ceiling (`name`) in m above the ground, or None without it.
+
+    The property <name>_amsl is above sea level instead. Below the ground, a floor becomes 0.
+    """
     height = properties.get(f'{name}_amsl')
     if height is None:
         return properties.get(name)

@@ -111,7 +111,7 @@ def _parse_corners(outline: ElementTree.Element) -> list[list[float]]:
 
 def _find_ceiling(polygon: ElementTree.Element, corners: list[list[float]], origin: Origin
                   ) -> float | None:
-    """Return the ceiling, the highest corner [m above ground], or None if clamped to ground."""
+    """Return the highest corner [m above ground] as ceiling; None, no limit, if clamped."""
     mode = _strip(polygon.findtext('altitudeMode')) or 'clampToGround'
     for element in polygon.iter('altitudeMode'):
         if _strip(element.text) != mode:

@@ -36,7 +36,7 @@ def list_fence(text: str) -> list[tuple[Any, Any]]:
 
 
 def read_area(item: Any, origin: Origin) -> Iterator[Area]:
-    """Yield the area of a polygon or a circle, whose places have the latitude first."""
+    """Yield the area of a polygon, or of a circle as a polygon; places have latitude first."""
     is_fence = checked_field(item, 'inclusion', bool, 'true or false')
     if (version := item.get('version')) not in _AREA_VERSIONS:
         raise ScenarioError(f'version is {quote(version)}; it must be 1')

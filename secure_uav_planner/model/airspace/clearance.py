@@ -291,7 +291,7 @@ class Clearance:
         return Pieces(times, curve.piece / 2, *curve.at(times)[:3])
 
     def _check_area(self, number: int, uav: Uav) -> None:
-        """Raise PlanError, with the largest depth, if a UAV enters a zone or leaves the fence."""
+        """Raise PlanError, with a depth and its time, if a UAV enters a zone or leaves a fence."""
         boundaries, pieces = self._scenario.boundaries, self._pieces.take(number, slice(None))
         zones = boundaries.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
@@ -306,7 +306,8 @@ class Clearance:
         index, times = _find_entry(pieces, forbidden)
         if not len(times):
             return
-        # The UAV neither enters nor leaves between two successive times: one middle is enough.
+        # Depths are compared at these times, both ends and the middles in between. One middle is
+        # enough, because the UAV neither enters nor leaves between two successive times.
         ends = np.array([self._curve.begin, *times, self._curve.end])
         times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
         points = shapely.points(self._curve.at(times).positions[number])
@@ -317,11 +318,7 @@ class Clearance:
                         'it must not be')
 
     def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
-        """
-        Return the closest approach of a UAV to the zones at its altitude, or None without zones.
-
-        :param number: index of the UAV.
-        """
+        """Return the closest approach of UAV `number` to outlines of zones at its altitude."""
         zones = self._scenario.boundaries.zones_at(uav.altitude)
         if not zones:
             return None

@@ -75,7 +75,7 @@ class Airspace:
 
     @cached_property
     def hull(self) -> tuple[Array, Array]:
-        """Convex hull of the geofence as n.x <= b: unit normals n (K, 2) outwards, b (K,) in m."""
+        """Convex hull n.x <= b of a fence: outward unit normals n (K, 2), b (K,) [m]; or K = 0."""
         if self.scenario.boundaries.keep_in is None:
             return read_only(np.zeros((0, 2))), read_only(np.zeros(0))
         return half_planes(self.scenario.boundaries.keep_in)

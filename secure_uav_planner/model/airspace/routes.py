@@ -31,6 +31,7 @@ class VisibilityGraph:
     """
 
     def __init__(self, airspace: Airspace, uav: int, distance: float) -> None:
+        """Enlarge and simplify the obstacles, and find the corners that see each other."""
         solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
                                    for obstacle in airspace.obstacles[uav]])
         enlarged = solid.buffer(distance, join_style='mitre')
@@ -100,7 +101,7 @@ class VisibilityGraph:
         return np.asarray(distances[-1 - len(begins):-1])
 
     def find_nearest_free(self, place: Array) -> Array:
-        """Return a place (2,) in m, or the nearest outline point of the part that contains it."""
+        """Return a place (2,) in m, moved to the nearest outline if in an enlarged obstacle."""
         point = shapely.Point(place)
         for part in self._parts:
             if part.contains(point):
