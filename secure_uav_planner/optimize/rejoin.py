@@ -122,7 +122,6 @@ def _build_rejoin(plan: Plan, last_kept: int, point: int, paths: dict[int, Array
     Return the Rejoin of a replan that begins at a point.
 
     :param paths: new path of each UAV that is off its plan, by its index, (point + 1, 2) in m.
-        Other UAVs keep the plan's path.
     :raises InfeasibleMissionError: when a UAV cannot reach its goal from the point.
     """
     tail, step = cut_tail(plan, point), plan.scenario.slot_duration
@@ -201,8 +200,7 @@ class _RecoveryPath:
         self._states = (predict_stop(state, times, begin.max_acceleration) if state.is_held
                         else predict_return(playback, uav, state, times))
         self._planned = playback.curve.at(times).positions[uav]
-        # Distance [m] of the measured state from the plan.
-        self.distance = math.hypot(*deviation(playback, uav, state))
+        self.distance = math.hypot(*deviation(playback, uav, state))  # Offset to the plan [m].
 
     def is_on_plan(self, index: int) -> bool:
         """Return True if the UAV is predicted to be on its plan at candidate number `index`."""
@@ -212,9 +210,8 @@ class _RecoveryPath:
         """
         Return the path up to a candidate point, (point + 1, 2) in m; None if limits allow none.
 
-        The path is the plan's if the UAV is predicted to be on its plan there. Otherwise it leads
-        from the last kept point to the predicted state, with the least utilisation of the limits
-        of speed and acceleration, which must be at most 1.
+        The path is the plan's if the UAV is predicted to be on its plan there. Otherwise the path
+        from the last kept point to the predicted state has the least utilisation, at most 1.
         """
         index = self._points.index(point)
         if self.is_on_plan(index):
@@ -241,11 +238,7 @@ class _RecoveryPath:
 def _list_recovery_paths(plan: Plan, last_kept: int, tail: Scenario,
                          states: Sequence[MeasuredState | None],
                          tolerance: float) -> dict[int, _RecoveryPath]:
-    """
-    Return recovery paths, by UAV, of measured UAVs that are off their plan at `last_kept`.
-
-    If `last_kept` is 0, no UAV has started, and the answer is empty.
-    """
+    """Return recovery paths, by UAV, of measured UAVs off their plan at a point last_kept > 0."""
     if last_kept == 0 or all(state is None for state in states):
         return {}
     playback = Playback(plan)

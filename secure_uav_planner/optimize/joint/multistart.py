@@ -132,11 +132,7 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
 
 def _generate_coarse_starts(driver: SolverDriver, search: Search
                             ) -> tuple[Grid, _Starts, Iterator[_Starts]]:
-    """
-    Return a coarse grid, the first batch of starts on it, and an iterator of further batches.
-
-    The number of slots is doubled, up to the full grid's, until generate_starts does not fail.
-    """
+    """Return the coarsest grid tried that has enough flights, and its first and other batches."""
     is_whole = driver.grid.slots <= search.whole_slots
     slots = driver.grid.slots if is_whole else DESCENT.coarse_slots
     while True:
@@ -199,8 +195,8 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
     Return the starts x (S, N, U, 3) and `rates` (S,) after hops, which change both in place.
 
     A hop changes a start by generate_hops, takes hops.steps Newton steps, and replaces the start
-    if its rate is higher. A round makes MULTISTART.hops_at_once hops, from the best distinct
-    starts in turn: first from hops.starts, then from one fewer after each round of little gain.
+    if its rate is higher. Each of hops.rounds rounds, or fewer, hops MULTISTART.hops_at_once times
+    from the hops.starts best distinct starts in turn, one start fewer after rounds of little gain.
     """
     rng, most_starts = np.random.default_rng(6), hops.starts
     with suppress(*_FAILURES):
@@ -235,11 +231,7 @@ def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
 
 
 def select_best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
-    """
-    Return indices of at most `most` starts with distinct rates >= (1 - gap) * best, falling.
-
-    Of rates that differ by at most MULTISTART.distinct * best, only the first is taken.
-    """
+    """Return the indices of up to `most` distinct rates >= (1 - gap) * best, the best first."""
     order = np.argsort(-rates)
     best = rates[order[0]]
     new = np.append(True, -np.diff(rates[order]) > MULTISTART.distinct * best)

@@ -84,9 +84,8 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     """
     Return estimates of C starts' least over nodes of mean rate / weight, powers and a mask.
 
-    An estimate is an upper bound by _bound_least_rates.
+    An estimate is an upper bound by _bound_least_rates for the N slots of the grid.
 
-    :param grid: a grid of N slots.
     :param flights: flights through the visits, (C, U, N+2, 2) in m.
     :param powers: largest power of each UAV in starts, (U, 1) in W.
     :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and True for
