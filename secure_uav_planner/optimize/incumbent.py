@@ -103,8 +103,8 @@ class Incumbent:
         """
         Try the jamming powers times each of _JAMMING_SHARES, then find_powers_without_jamming.
 
-        All are proposed to try_improve. Powers have local optima, and optima with much jamming are
-        usually worse than others. Nothing more is tried when the deadline is over.
+        Powers have local optima, and optima with much jamming are usually worse than others. When
+        the deadline is over, nothing more is tried.
         """
         present = self.powers
         for share in _JAMMING_SHARES:

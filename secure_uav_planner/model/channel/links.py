@@ -153,7 +153,7 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
 def make_links(scenario: Scenario, length: float, power: Array,
                elevation_offset: float = 0.0) -> FreeSpace:
     """
-    Return the links to the K receivers of a Grid's Receivers, for arrays (..., K, U) in units.
+    Return the links to K ground nodes, eavesdroppers, listeners, for arrays (..., K, U) in units.
 
     :param length: unit of length in m.
     :param power: units of the UAVs' powers in W, (U,).

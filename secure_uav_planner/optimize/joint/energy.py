@@ -176,8 +176,7 @@ def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
     """Yield plans without limits of energy, as they are and with circles, then direct circles."""
-    # Positions, powers and number of beginnings, as they are and with circles.
-    flights = [(best.positions, best.powers, 3) for best in unlimited]
+    flights = [(best.positions, best.powers, 3) for best in unlimited]  # 3 beginnings each.
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
         for x in optima.x[1:1 + ENERGY.optima]:
@@ -218,8 +217,7 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
 
     While a UAV is slower than slow * max_speed, whole circles through its place are added to its
     flight. Speed on the circles rises from 0 to a top speed and falls to 0 again. In a short time
-    the top is lower, or no circle is added. Flights of UAVs without max_energy or max_acceleration
-    do not change.
+    the top is lower, or no circle is added. UAVs without max_energy or max_acceleration have none.
 
     :param positions: flights, (U, N+2, 2) in m.
     :param direction: bearing of the circles' centres from the places, relative to the bearing of

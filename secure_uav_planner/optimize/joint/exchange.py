@@ -26,11 +26,10 @@ _NAT = 1 / np.log(2)  # One nat, in bit.
 
 def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
     """
-    Improve the incumbent for problem (P1), against the worst places of the discs.
+    Improve the incumbent for (P1), against worst places; return the status of the first start.
 
     :param optima: local optima of problem (P2), whose rate bounds the worst case by a formula. Of
         two or more, the one with the best rate in (P1) is a second start.
-    :return: the status from the first start, the incumbent's iterate.
     """
     incumbent = driver.incumbent
     driver.raise_if_over()
@@ -107,11 +106,7 @@ class _Exchange:
 
     @property
     def is_done(self) -> bool:
-        """
-        Whether the solver is at rest or has taken EXCHANGE.final_steps at its last mu.
-
-        The number of steps is limited because places may oscillate for ever.
-        """
+        """Whether places are at rest, or may oscillate: EXCHANGE.final_steps at the last mu."""
         return self.at_rest or self._last_steps >= EXCHANGE.final_steps
 
     @property

@@ -92,13 +92,11 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
 
 def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array:
     """
-    Return the stops of a short way that serves ground nodes without jamming, (G, 2) in m.
+    Return stops (G, 2) in m of a short way that serves nodes (G, 2) in m without jamming.
 
     Stop number i is for node order[i]: the node's place, or a random place around it with a
     positive rate for the node. Dynamic programming finds the stops with the shortest way from
     UAV 0's start to its goal. If node order[i] has no such place, stops i and later are the nodes.
-
-    :param nodes: places of the ground nodes, (G, 2) in m.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
@@ -189,10 +187,8 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
 
     With zones, a fence or a separation, the first batch also tries the hovering places of start 0
     with other routes, or with UAVs that pass each other on the other side. If fewer flights than
-    starts are found, several starts share a flight and differ in their powers. If none are found,
-    the baseline (U, N+2, 2) is the flight.
-
-    :raises NumericalError: as in generate_starts.
+    starts are found, several starts share a flight and differ in their powers. If no flight is
+    found, all share the baseline (U, N+2, 2). NumericalError is raised as in generate_starts.
     """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
@@ -223,9 +219,7 @@ def _generate_flights(grid: Grid, problem: Problem,
                       batch: Iterable[tuple[Array, _Routes, bool]],
                       raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
     """
-    Yield pairs of flights: on the scenario's slots, and on a grid, strictly inside its limits.
-
-    Pairs without a flight on the grid are left out.
+    Yield pairs of flights: on the scenario's slots; on a grid strictly inside its limits, if found.
 
     :param batch: hovering places, (U, 2) or (G, U, 2) in m, routes as for build_flights, and
         whether UAVs that meet pass each other on the side opposite to the nearest.
@@ -243,10 +237,9 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     """
     Return the variables (S, N, U, 3) of starts with random jamming powers, and their mu (S,).
 
-    Starts 1, 3, 5, ... have the low mu STARTS.close_mu. Starts 1, 5, 9, ... jam at the larger
-    share STARTS.more_jamming. In starts 3, 7, 11, ... the transmitter sends only in slots that
-    have a rate without jamming, because in some missions few slots deliver. Without such a slot
-    it sends in all slots.
+    Starts 1, 3, 5, ... have the low mu STARTS.close_mu. Starts 1, 5, 9, ... jam more. In starts 3,
+    7, 11, ... the transmitter sends only in slots that have a rate without jamming, because in
+    some missions few slots deliver. Without such a slot the transmitter sends in all slots.
 
     :param flights: two flights of each start: on the scenario's slots, and on the grid.
     """
@@ -349,8 +342,8 @@ def _make_variables(grid: Grid, flights: Array, powers: Array, least: float | Ar
     """
     Return the variables (..., N, U, 3) of flights and powers, with powers made strictly feasible.
 
-    Powers are clipped to [least * limit_powers, r * peak], then scaled down to a mean of at most
-    r * average, where r = 1 - STARTS.power_margin * share.
+    Powers are clipped to [least * limit_powers, ratio * peak], then scaled down to a mean of at
+    most ratio * average, where ratio = 1 - STARTS.power_margin * share.
 
     :param flights: strictly feasible flights, (..., U, N+2, 2) in m.
     :param powers: powers, (..., U, N) in W.
