@@ -76,12 +76,12 @@ def _divide_equal_slots(rates: Array) -> Array:
     several nodes share gives each node consecutive slots, so at most one slot per node is divided.
     """
     _, slots = rates.shape
-    # Equal slots have equal keys, random weights of their logarithms. `groups` has the number of
-    # the joined slot of each slot, and `first` one slot of each joined slot.
-    key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
-    ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
+    # Sorted by a random combination of logarithms, equal slots are successive. `groups` has the
+    # number of the joined slot of each slot, and `first` one slot of each joined slot.
+    order = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
+    ahead, after = rates[:, order[:-1]], rates[:, order[1:]]
     groups = np.empty(slots, int)
-    groups[key] = np.append(0, np.cumsum((np.abs(after - ahead) > _EQUAL * after).any(axis=0)))
+    groups[order] = np.append(0, np.cumsum((np.abs(after - ahead) > _EQUAL * after).any(axis=0)))
     counts = np.bincount(groups)
     _, first = np.unique(groups, return_index=True)
     joined = _find_vertex(rates[:, first] * counts)

@@ -235,7 +235,7 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
         acceleration = ENERGY.speeding * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
-            # The highest speed at which a circle fits into the time.
+            # The highest speed at which a whole circle fits into 95 % of the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
                 1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
             if top < ENERGY.slow * uav.max_speed:

@@ -48,8 +48,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     baseline = incumbent.with_objective('guaranteed')
     baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
-    offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
-    early = SolverDriver(incumbent, elevation_offset=offsets[0])
+    offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)  # [degrees]
+    early = SolverDriver(incumbent, elevation_offset=offsets[0])  # On the coarse grid.
     is_single = len(incumbent.scenario.ground_nodes) == 1
     search = (MULTISTART.several_nodes if not is_single
               else MULTISTART.many_uavs if len(incumbent.scenario.uavs) >= MULTISTART.many
@@ -68,17 +68,17 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
                 more_x, more_rates = _advance_starts(
                     early, grid, more_x, mu, search.ranking, search.lowered)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        near = select_best(rates, search.gap, MULTISTART.polished)
-        x, rates = _polish(early, grid, x[near], rates[near], search)
+        chosen = select_best(rates, search.gap, MULTISTART.polished)
+        x, rates = _polish(early, grid, x[chosen], rates[chosen], search)
         x, rates = _hop(early, grid, x, rates, search, search.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     # The best are finished on the full grid, while elevation offsets fall to 0.
-    near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
+    best = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
-        fine = early.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
+        fine = early.refine_to_full_grid(grid, x[best], DESCENT.coarse_mu)
     else:
         fine = early.refine_to_full_grid(
-            grid, x[near], np.minimum(MULTISTART.nodes_mu * rates[near], DESCENT.coarse_mu),
+            grid, x[best], np.minimum(MULTISTART.nodes_mu * rates[best], DESCENT.coarse_mu),
             scale=min(rates.max(), 1.0))
     for offset in offsets[1:]:
         driver.descend(fine, MULTISTART.offset_mu, MULTISTART.offset_steps)

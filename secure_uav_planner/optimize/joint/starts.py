@@ -49,7 +49,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     targets[:, 0] = grounds[0, index[:, 0]]
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
-    x, y = eavesdropper - ground
+    x, y = eavesdropper - ground  # Offsets are along and across this line.
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
     errors = radii[target, index]
@@ -169,15 +169,15 @@ def _generate_visiting(grid: Grid, baseline: Array, count: int,
     scale = float(np.clip(rates.max(), *STARTS.scales))
     mus = np.maximum(STARTS.visit_mu * rates, STARTS.least_mu)
     constant = np.repeat(most, grid.slots, axis=1)
-    starts, kept = [], []
+    starts, first_mus = [], []
     for flight, power, mu in (*zip(flights, powers, mus),
                               (baseline, constant, STARTS.baseline_mu * scale)):
         inside = find_interior(grid, flight, STARTS.visit_share, raise_if_over)
         if inside is not None:
             starts.append(_make_variables(grid, inside, STARTS.on * power, STARTS.silent))
-            kept.append(mu)
+            first_mus.append(mu)
     x = np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3)
-    return x, np.array(kept), scale
+    return x, np.array(first_mus), scale
 
 
 def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
@@ -219,7 +219,7 @@ def _generate_flights(grid: Grid, problem: Problem,
                       batch: Iterable[tuple[Array, _Routes, bool]],
                       raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
     """
-    Yield pairs of flights: on the scenario's slots; on a grid strictly inside its limits, if found.
+    Yield pairs of flights, on the scenario's slots and strictly inside a grid's limits, if found.
 
     :param batch: hovering places, (U, 2) or (G, U, 2) in m, routes as for build_flights, and
         whether UAVs that meet pass each other on the side opposite to the nearest.

@@ -150,26 +150,26 @@ def _change(scenario: Scenario, visits: Visits, drawn: Visits, rng: np.random.Ge
     """
     starts, (count, stops, uavs) = np.arange(len(visits.nodes)), visits.shares.shape
     kind, stop = rng.integers(4, size=count), rng.integers(stops, size=count)
-    ends = np.sort(rng.integers(stops, size=(count, 2)), axis=1)[..., None]
+    part = np.sort(rng.integers(stops, size=(count, 2)), axis=1)[..., None]  # First and last.
     order = np.arange(stops)
-    part = (kind == 0)[:, None] & (ends[:, 0] <= order) & (order <= ends[:, 1])
-    order = np.where(part, ends.sum(axis=1) - order, order)
+    turned = (kind == 0)[:, None] & (part[:, 0] <= order) & (order <= part[:, 1])
+    order = np.where(turned, part.sum(axis=1) - order, order)
     nodes, places, shares, durations = visits.take((starts[:, None], order))
 
     source = rng.integers(len(drawn.nodes), size=count)
-    at = (drawn.nodes[source] == nodes[starts, stop][:, None]).argmax(axis=1)
+    same_node = (drawn.nodes[source] == nodes[starts, stop][:, None]).argmax(axis=1)
     uav = rng.integers(uavs, size=count)
     taken = (rng.random((count, 1)) < 0.5) | (np.arange(uavs) == np.reshape(uav, (-1, 1)))
     taken &= (kind == 1)[:, None]
     places[starts, stop] = np.where(
-        taken[..., None], drawn.places[source, at], places[starts, stop])
-    shares[starts, stop] = np.where(taken, drawn.shares[source, at], shares[starts, stop])
+        taken[..., None], drawn.places[source, same_node], places[starts, stop])
+    shares[starts, stop] = np.where(taken, drawn.shares[source, same_node], shares[starts, stop])
 
     lengths = scenario.altitudes.mean() * log_uniform(rng, VISIT_SEARCH.shift, (count, 1))
     moves = lengths * rng.normal(size=(count, 2))
     places[starts, stop, uav] += np.where((kind == 2)[:, None], moves, 0.0)
-    louder = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
-    shares[starts, stop, uav] *= np.exp(louder * rng.normal(size=count))
+    scaled = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
+    shares[starts, stop, uav] *= np.exp(scaled * rng.normal(size=count))
 
     stretches = VISIT_SEARCH.stretch * rng.normal(size=durations.shape)
     durations *= np.exp((kind == 3)[:, None] * stretches)

@@ -58,16 +58,16 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
     :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
     weights = scenario.node_weights[order]
-    needs = np.full(len(order), 1 / len(order))
+    expected = np.full(len(order), 1 / len(order))  # Durations in shares of the flight, (V,).
     for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
-        middles = (np.cumsum(needs) - needs / 2) * scenario.times[-1]
+        middles = (np.cumsum(expected) - expected / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, middles, powers, rng)
         pool_rates = pool[2]
         rates = pool_rates.max(axis=1)
-        durations = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
-        needs = VISITS.equal / len(order) + (1 - VISITS.equal) * durations / durations.sum()
+        needs = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
+        expected = VISITS.equal / len(order) + (1 - VISITS.equal) * needs / needs.sum()
     visit = np.arange(len(order))
-    durations = needs * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
+    durations = expected * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
     all_ends = np.cumsum(durations / durations.sum(axis=1, keepdims=True), axis=1)
     places, shares = [], []
     for ends in all_ends:
@@ -160,10 +160,10 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
     straight = scenario.starts + (times / total)[..., None] * (scenario.goals - scenario.starts)
     speeds = np.maximum(share * scenario.max_speeds, np.linalg.norm(
         scenario.goals - scenario.starts, axis=-1) / total)
-    offsets, kept = places - straight, np.ones(places.shape[:-1])
+    offsets, scale = places - straight, np.ones(places.shape[:-1])
     for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
-        kept = np.minimum(kept, _find_scale(straight - end, offsets, speeds * time))
-    return straight + kept[..., None] * offsets
+        scale = np.minimum(scale, _find_scale(straight - end, offsets, speeds * time))
+    return straight + scale[..., None] * offsets
 
 
 def _find_scale(vectors: Array, offsets: Array, reach: Array) -> Array:
@@ -196,7 +196,7 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
     way to the goal, all flights are the grid's reference_flight.
     """
     scenario, ends = grid.scenario, visits.ends
-    steps = scenario.max_speeds * grid.slot_duration
+    steps = scenario.max_speeds * grid.slot_duration  # Longest moves in a slot [m], (U,).
     # Averages over the moves in which a UAV reaches full speed limit its acceleration.
     width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
                 for uav in scenario.uavs)
