@@ -4,7 +4,7 @@ The beginning of a replan, and the path of the setpoints to it.
 The path of the last plan is kept up to and including the point `last_kept`. From there, the path
 of each UAV that is off its plan leads to the predicted state of this UAV at `point`, within the
 limits of speed and acceleration, so that setpoints never jump. A UAV that will be back on its
-plan at `point` stays on its plan. `point` is the soonest point at which all UAVs can be met and
+plan at `point` stays on its plan. `point` is the first candidate at which all UAVs can be met and
 from which they can reach their goals.
 """
 
@@ -79,10 +79,10 @@ def find_last_kept_point(scenario: Scenario, time: float) -> int:
 def find_rejoin(plan: Plan, last_kept: int, states: Sequence[MeasuredState | None],
                 tolerance: float, updated: Scenario) -> Rejoin:
     """
-    Return the beginning of a replan at the soonest point at which all UAVs can be met.
+    Return the beginning of a replan at the first candidate point at which all UAVs can be met.
 
-    A UAV off its plan is met at its predicted state. If all UAVs are on the plan, the replan
-    begins at `last_kept`.
+    A UAV off its plan is met at its predicted state. If no UAV is off its plan at `last_kept`, the
+    replan begins there.
 
     :param plan: the last plan.
     :param last_kept: index of the last point of the plan's path that must be kept, < slots.
@@ -146,9 +146,9 @@ def _build_rejoin(plan: Plan, last_kept: int, point: int, paths: dict[int, Array
     if point > last_kept:
         # On the new paths, slots whose rates are all negative are silent.
         times: Array = np.arange(last_kept + 1.0, point + 1) * step
-        new = np.pad(positions[:, last_kept:], ((0, 0), (0, 1), (0, 0)))
+        new_paths = np.pad(positions[:, last_kept:], ((0, 0), (0, 1), (0, 0)))
         powers[:, last_kept:], rates = mute_negative_slots(
-            updated, new, powers[:, last_kept:], plan.objective, times)
+            updated, new_paths, powers[:, last_kept:], plan.objective, times)
         if len(rates) > 1:
             # The bit/Hz that each ground node has got by then count in the rest of the mission.
             delivered = plan.node_shares[:, :last_kept].sum(axis=1) + (

@@ -140,7 +140,7 @@ def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: A
 
 def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
                    altitudes: Array | None = None) -> Array:
-    """Return rates of nodes at (G, N, 2) m minus `leak` (N,) and what listeners hear, (G, N)."""
+    """Return rates (G, N) of nodes at (G, N, 2) m minus `leak` (N,), after include_listeners."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),

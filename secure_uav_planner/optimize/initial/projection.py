@@ -166,7 +166,7 @@ class _Projection:
             yield uavs[first:first + most]
 
     def test_inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
-        """Return True for UAVs inside all limits, over a clearance [steps] from lines, (U,)."""
+        """Return True for UAVs inside all limits, farther than a clearance [steps] from lines."""
         inside = np.full(len(positions), True)
         for norm in self._norms:
             inside &= self._grid.fixed | (norm.utilisations(positions) < 1)

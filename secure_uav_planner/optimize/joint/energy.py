@@ -41,7 +41,7 @@ class _Start(NamedTuple):
 def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
                           optima: Optima | None = None) -> Status:
     """
-    Improve the incumbent of a SolverDriver from starts for its limits of energy: 'converged'.
+    Improve the incumbent of a SolverDriver from starts within energy limits; return 'converged'.
 
     A plan of (P2) is sought first. For (P1) the best flights of this search are then improved.
 
@@ -122,7 +122,7 @@ def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
 
 
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
-    """Yield x (N, U, 3) and prices (U,) of the best starts, if any has a rate, finished."""
+    """Yield x (N, U, 3), prices (U,) of the best starts on the full grid; none if rates are 0."""
     rates = solver.rates()
     for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):
@@ -164,7 +164,7 @@ def _measure_energies(solver: InteriorPointSolver) -> tuple[Array, Array]:
 
 
 def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
-    """Yield a start for each of ENERGY.least; each UAV has its flight of least energy so far."""
+    """Yield a start for each of ENERGY.least, of the flights of least energy in a solver."""
     flights, energies = _measure_energies(solver)
     least = energies.argmin(axis=0)
     # All powers are of the start from which the transmitter's flight is.

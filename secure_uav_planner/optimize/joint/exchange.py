@@ -106,7 +106,7 @@ class _Exchange:
 
     @property
     def is_done(self) -> bool:
-        """Whether places are at rest, or may oscillate: EXCHANGE.final_steps at the last mu."""
+        """Whether at rest, or after EXCHANGE.final_steps at the last mu: places may oscillate."""
         return self.at_rest or self._last_steps >= EXCHANGE.final_steps
 
     @property
@@ -171,7 +171,7 @@ class WorstPlaces:
 
     def exchange(self, x: Array, shares: Array, tolerance: float) -> bool:
         """
-        Exchange a place of discs for the disc's worst place at x, (N, U, 3), in each slot.
+        Exchange a place of each slot and disc for the worst at x, (N, U, 3), if near or worse.
 
         The worst place replaces the nearest of the disc's P places if it is within EXCHANGE.near
         radii; the dual of the near place carries over. Without a near place, it replaces the place
