@@ -4,10 +4,9 @@ Multistart: Newton steps from random starts on a coarse grid; the best starts ar
 Many starts are ranked after a few steps, and only the best take further ones. The best are
 polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
 With several ground nodes, or many UAVs, the best also hop: one UAV and the jamming change for a
-while.
-A few starts are finished on the full grid, and the best plan is polished there.
-Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
-Otherwise fly-hover-fly with the best powers is tried, too.
+while. A few starts are finished on the full grid, and the best plan is polished there. If the
+first starts end in one optimum far above fly-hover-fly, the rest are not begun. Otherwise
+fly-hover-fly with the best powers is tried, too.
 
 Power control on a fixed trajectory starts from several levels of jamming, in which its local
 optima differ.
@@ -37,10 +36,11 @@ _Starts: TypeAlias = tuple[Array, Array]
 
 def improve_by_multistart(driver: SolverDriver) -> Status:
     """
-    Improve the incumbent of a SolverDriver from several starts; return the status of the best.
+    Improve the incumbent of a SolverDriver from several starts, and return the status.
 
     Starts take Newton steps, polish and hop on a coarse grid. The best are finished on the full
-    grid. A rate r [bit/s/Hz] of an incumbent is r * log(2) / grid.rate in the units of solvers.
+    grid, and the status is 'converged' if any start converges there. A rate r [bit/s/Hz] of an
+    incumbent is r * log(2) / grid.rate in the units of solvers.
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """

@@ -46,7 +46,7 @@ class Visits(NamedTuple):
 def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
                 rng: np.random.Generator) -> Visits:
     """
-    Return random starts that visit the V ground nodes once each, all in one order.
+    Return C = `count` random starts that visit the V ground nodes once each, all in one order.
 
     A visit lasts longer for a node with a large weight and a small best rate. All starts share the
     configurations (all places and powers of one visit) of _sample_configurations. A start draws
@@ -54,7 +54,6 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
     visit _choose_sequence chooses one.
 
     :param order: indices of the V ground nodes in the order of the visits.
-    :param count: number C of starts.
     :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
     weights = scenario.node_weights[order]
