@@ -9,7 +9,7 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
+from secure_uav_planner.optimize.rejoin import find_last_kept_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.splice import cut_tail
 from secure_uav_planner.plan.tracking import (
@@ -164,7 +164,7 @@ def test_the_curve_of_a_uav_in_motion_begins_with_its_state(plan):
 
 
 def begin_replan(plan, time, states, tolerance=TOLERANCE):
-    first = find_first_point(plan.scenario, time + LEAD)
+    first = find_last_kept_point(plan.scenario, time + LEAD)
     return find_rejoin(plan, first, states, tolerance, plan.scenario)
 
 
@@ -206,7 +206,7 @@ def test_without_a_deviation_a_replan_begins_on_the_plan(plan):
     near = state_at(playback, 40.0, (0.3, -0.3))
     for states in ([None, None], [near, None]):
         beginning = begin_replan(plan, 40.0, states)
-        assert beginning.point == beginning.first
+        assert beginning.point == beginning.last_kept
         assert beginning.scenario == cut_tail(plan, beginning.point).scenario
         assert (beginning.positions == plan.positions[:, :beginning.point + 1]).all()
         assert (beginning.powers == plan.powers[:, :beginning.point]).all()
@@ -217,8 +217,8 @@ def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     """The zone is between the UAV and its plan, or around the place where they would meet."""
     measured = state_at(Playback(plan), 30.0, (40.0, 20.0))
     free = begin_replan(plan, 30.0, [measured, None])
-    assert free.point > free.first
-    x, y = (1 - share) * plan.positions[0, free.first] + share * free.positions[0, -1]
+    assert free.point > free.last_kept
+    x, y = (1 - share) * plan.positions[0, free.last_kept] + share * free.positions[0, -1]
     zone = NoFlyZone(tuple((x + u, y + v) for u, v in ((-2, -2), (2, -2), (2, 2), (-2, 2))),
                      ceiling=105.0, name='mast')
     zoned = replace(plan, scenario=replace(plan.scenario, no_fly_zones=(zone,)))
@@ -237,8 +237,8 @@ def test_slots_of_the_way_with_a_negative_rate_do_not_transmit(plan):
     beginning = begin_replan(loud, 70.0, [measured, None])
     whole = beginning.splice(solve(
         beginning.scenario, initial=beginning.tail, on_iteration=stop_early))
-    way = slice(beginning.first, beginning.point)
-    assert beginning.point > beginning.first
+    way = slice(beginning.last_kept, beginning.point)
+    assert beginning.point > beginning.last_kept
     rates = guaranteed_rates(whole.scenario, whole.positions, whole.powers)
     assert (rates[way] >= 0).all()
 

@@ -15,7 +15,7 @@ from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # Rate [bit/s/Hz] over find_rate_scale below which a rate is set to 0.
-_IDLE_SHARE = 1e-3  # Fraction of the mean rate up to which a slot is idle.
+_IDLE_SHARE = 1e-3  # Fraction of the incumbent's rate up to which a slot is idle.
 _JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Fractions of the jamming power to try.
 
 
@@ -101,9 +101,10 @@ class Incumbent:
 
     def try_less_jamming(self) -> None:
         """
-        Try the present jamming powers times each of _JAMMING_SHARES, then slots without jamming.
+        Try the jamming powers times each of _JAMMING_SHARES, then find_powers_without_jamming.
 
-        Powers have local optima, and optima with much jamming are usually worse than others.
+        Powers have local optima, and optima with much jamming are usually worse than others. When
+        the deadline is over, nothing more is tried.
         """
         present = self.powers
         for share in _JAMMING_SHARES:
@@ -118,9 +119,10 @@ class Incumbent:
         """
         Try the powers of the nearest useful slots in idle slots, then no power in idle slots.
 
-        A slot is idle if its rate is at most _IDLE_SHARE of the mean rate, otherwise useful. In
-        idle slots powers are in a local optimum: silence, or too much jamming. In the second try,
-        powers of useful slots are scaled up so that each UAV's mean power stays.
+        A slot is idle if its rate is at most _IDLE_SHARE * self.rate, otherwise useful. In idle
+        slots powers are in a local optimum: silence, or too much jamming. An idle slot is given
+        the better powers of the useful slots before and after it, if it is useful with them. In
+        the second try, powers of useful slots are scaled up so that each UAV's mean power stays.
         """
         most = _IDLE_SHARE * self.rate  # Largest rate of an idle slot.
         idle, useful = np.flatnonzero(self._rates <= most), np.flatnonzero(self._rates > most)

@@ -22,6 +22,7 @@ def order_nodes(scenario: Scenario) -> list[int]:
     x, y = scenario.starts[0] - middle
 
     def find_key(number: int) -> tuple[object, ...]:
+        """Return bearing [rad], distance [m] and data of a node."""
         right, up = grounds[number] - middle
         node, head_starts = scenario.ground_nodes[number], scenario.head_starts
         return (math.atan2(x * up - y * right, x * right + y * up), math.hypot(right, up),
@@ -32,7 +33,7 @@ def order_nodes(scenario: Scenario) -> list[int]:
 
 
 def reorder_nodes(scenario: Scenario, order: list[int]) -> Scenario:
-    """Return a scenario with its ground nodes in an order; unchanged if that is the listed one."""
+    """Return a scenario with its ground nodes in an order of indices; itself if it is sorted."""
     if order == sorted(order):
         return scenario
     nodes, head_starts = scenario.ground_nodes, scenario.head_starts

@@ -42,7 +42,7 @@ class FreeSpace:
         return self.reference_snr / (squared + self.squared_altitudes)
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain, with a line of sight where its probability is above a random number."""
+        """Return a random gain; with a sure line of sight, the gain for any random numbers."""
         return self.gain(squared)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
@@ -83,8 +83,8 @@ class PathLoss(FreeSpace):
         return self._sight_gain(squared) * self._factor(self._z(squared))
 
     def draw_gain(self, squared: Array, numbers: Array) -> Array:
-        return self._sight_gain(squared) * np.where(
-            numbers < _probability(self._z(squared)), 1.0, self.losses)
+        has_sight = numbers < _probability(self._z(squared))
+        return self._sight_gain(squared) * np.where(has_sight, 1.0, self.losses)
 
     def select_receivers(self, receivers: NDArray[np.intp]) -> 'PathLoss':
         fields: dict[str, Any] = {
@@ -100,8 +100,8 @@ class PathLoss(FreeSpace):
                              self.takes_quantile)
 
     def _sight_gain(self, squared: Array) -> Array:
-        return self.reference_snr * (
-            squared + self.squared_altitudes)**(-0.5 * self.exponent)
+        """Return the gain with a line of sight, at squared horizontal distances."""
+        return self.reference_snr * (squared + self.squared_altitudes)**(-0.5 * self.exponent)
 
     def _factor(self, z: Array) -> Array:
         """Return the gain as a share of the gain with a line of sight."""
@@ -127,7 +127,7 @@ class PathLossQuantile(PathLoss):
     takes_quantile: ClassVar[bool] = True
 
     def _factor(self, z: Array) -> Array:
-        z = np.clip(z, 0.0, 1.0)
+        z = np.clip(z, 0.0, 1.0)  # The exponent below falls smoothly from 1 to 0.
         return np.asarray(self.losses**((1 - z)**3 * (1 + 3 * z + 6 * z**2)))
 
 
@@ -153,7 +153,7 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
 def make_links(scenario: Scenario, length: float, power: Array,
                elevation_offset: float = 0.0) -> FreeSpace:
     """
-    Return the links to the K receivers of a Grid's Receivers, for arrays (..., K, U) in units.
+    Return the links to K ground nodes, eavesdroppers, listeners, for arrays (..., K, U) in units.
 
     :param length: unit of length in m.
     :param power: units of the UAVs' powers in W, (U,).

@@ -140,7 +140,7 @@ def find_node_rates(scenario: Scenario, positions: Array, powers: Array, leak: A
 
 def _subtract_leak(scenario: Scenario, nodes: Array, positions: Array, powers: Array, leak: Array,
                    altitudes: Array | None = None) -> Array:
-    """Return rates of ground nodes (G, N, 2) minus `leak` (N,), with listeners added, (G, N)."""
+    """Return rates (G, N) of nodes at (G, N, 2) m minus `leak` (N,), after include_listeners."""
     if scenario.listeners:
         leak = include_listeners(scenario, leak, _compute_node_rates(
             make_link(scenario, 'eavesdropper', altitudes=altitudes),
@@ -283,7 +283,7 @@ def bound_sinrs(link: FreeSpace, offsets: Array, radii: Array, powers: Array) ->
 
     :param offsets: UAVs' positions minus the centres of the discs, (U, ..., 2) in m.
     :param radii: radii of the discs, (...) in m.
-    :param powers: powers of the UAVs, (U, ...) in W.
+    :param powers: powers of the UAVs, the transmitter first, (U, ...) in W.
     """
     return compute_sinr(link.gain(_bound_squared_distances(offsets, radii)) * powers)
 

@@ -43,7 +43,7 @@ def find_shares(scenario: Scenario, rates: Array, unit: float = 1.0) -> Array:
 
 
 def _divide(rates: Array, offsets: Array) -> Array:
-    """Return the shares (G, N) with the largest least of mean_n shares * rates + offsets (G,)."""
+    """Return shares s (G, N) that maximise min over nodes k of mean_n(s_kn r_kn) + offset_k."""
     nodes, slots = rates.shape
     # An offset is the rate of a further slot of its node, and a negligible rate replaces 0. So
     # each node can pass slots on to each other node, and no price is 0.
@@ -76,12 +76,12 @@ def _divide_equal_slots(rates: Array) -> Array:
     several nodes share gives each node consecutive slots, so at most one slot per node is divided.
     """
     _, slots = rates.shape
-    # Equal slots have equal keys, random weights of their logarithms. `groups` has the number of
-    # the joined slot of each slot, and `first` one slot of each joined slot.
-    key = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
-    ahead, after = rates[:, key[:-1]], rates[:, key[1:]]
+    # Sorted by a random combination of logarithms, equal slots are successive. `groups` has the
+    # number of the joined slot of each slot, and `first` one slot of each joined slot.
+    order = np.argsort(np.random.default_rng(0).random(len(rates)) @ np.log(rates), kind='stable')
+    ahead, after = rates[:, order[:-1]], rates[:, order[1:]]
     groups = np.empty(slots, int)
-    groups[key] = np.append(0, np.cumsum((np.abs(after - ahead) > _EQUAL * after).any(axis=0)))
+    groups[order] = np.append(0, np.cumsum((np.abs(after - ahead) > _EQUAL * after).any(axis=0)))
     counts = np.bincount(groups)
     _, first = np.unique(groups, return_index=True)
     joined = _find_vertex(rates[:, first] * counts)
@@ -96,7 +96,7 @@ def _divide_equal_slots(rates: Array) -> Array:
 
 def _find_vertex(rates: Array) -> Array:
     """
-    Return shares (G, N) with the largest least mean; at most G - 1 slots are divided.
+    Return the shares s (G, N) that maximise min_k mean_n(s_kn r_kn); <= G - 1 slots are divided.
 
     This is a dual simplex method. Node k has a price p_k, and a slot goes to the node with the
     largest worth p_k r_kn. A slot worth as much to several nodes is tied and divided. At a vertex
@@ -167,7 +167,7 @@ def _scale_prices(rates: Array, prices: Array, ties: dict[int, set[int]], part: 
 
 
 def _find_linked(ties: dict[int, set[int]], node: int, nodes: int) -> _Mask:
-    """Return True for `node` and all nodes that tied slots link it to, directly or not, (G,)."""
+    """Return True for `node` and all nodes linked to it by a chain of tied slots, (G,)."""
     linked = {node}
     while more := [tied for tied in ties.values() if linked & tied and not tied <= linked]:
         linked = linked.union(*more)

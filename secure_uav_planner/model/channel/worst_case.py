@@ -111,7 +111,8 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
     """
     Return the probable largest leak of each disc, and its place, by a local search.
 
-    The search may miss the worst place; prove_leaks of the kernel bounds the leak.
+    The search may miss the worst place; prove_leaks of the kernel bounds the leak. In slots whose
+    leaks are at most _SILENT, the leak is 0 and the place is the centre.
 
     :param centres: centres of the discs, (N, E, 2) in m.
     :param radii: radii of the discs, (N, E) in m.

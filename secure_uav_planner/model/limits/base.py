@@ -38,9 +38,9 @@ class Limit(ABC):
     @property
     def compiled(self) -> core.Limit | None:
         """
-        Return the kernel's form, with slacks c(x) > 0 strictly inside the limit.
+        Return the kernel's form, with slacks c(x) > 0 strictly inside the limit; here None.
 
-        None for limits of powers, which the kernel has as bounds of its variables.
+        Limits of powers keep this None, as the kernel has them as bounds of its variables.
         """
         return None
 

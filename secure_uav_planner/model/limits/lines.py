@@ -156,7 +156,7 @@ class LineLimit(Limit):
         """
         Return lines that separate the pieces of a path (N+2, U, 2) from their obstacles.
 
-        If a piece cannot be separated, c is negative for at least one of its control points.
+        If a piece cannot be separated, normal . p < offset for at least one control point p.
         """
         shape = len(path), len(self.first)
         lines = Lines(np.empty((*shape, 2)), np.empty(shape))
@@ -188,7 +188,7 @@ class LineLimit(Limit):
         return first if self.second is None else first - points[:, self.second[pairs]]
 
     def slacks(self, path: Array, lines: Lines) -> Array:
-        """Return c of a path, (N+2, G, K)."""
+        """Return c = normal . p - offset of a path (N+2, U, 2), (N+2, G, K), all in units."""
         along = np.einsum('ngkx,ngx->ngk', self.control_points(path), lines.normals)
         return along - lines.offsets[..., None]
 

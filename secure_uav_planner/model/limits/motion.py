@@ -86,7 +86,7 @@ class NormLimit(Limit):
         Return positions (U, N+2, 2) in m whose flights keep the limit, with exact ends.
 
         A flight that exceeds the limit is blended with the UAV's reference flight, which has the
-        least utilisation. Other flights stay. An excess of 1e-8 costs a blend of about 1e-8.
+        least utilisation, at the share excess / (excess + reference's slack). Others stay.
 
         :param margin: share of the limit to keep free, if the reference keeps as much free.
         """

@@ -32,7 +32,8 @@ class FenceLimit(LineLimit):
         super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)), on_curve=False)
         self._normals: Array = np.tile(-outward, (uavs, 1))
         self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
-        # Slots from the start to each point; the curve's ends are half a slot beyond the points.
+        # Slots from the start to each point. The curve's ends are half a slot beyond the points.
+        # A side is ignored at points that are too early or too late for the UAV to be there.
         elapsed = np.arange(self.grid.slots + 2.0)[:, None]
         elapsed[0], elapsed[-1] = 0.5, elapsed[-1] + 0.5
         steps = (self.scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]

@@ -20,7 +20,7 @@ _HALVINGS = 12  # Number of bisections of the distance at which a UAV in a hurry
 
 def list_hovering_places(scenario: Scenario) -> Array:
     """
-    Return the hovering places of fly-hover-fly, (U, 2) in m, or (G, U, 2) with G ground nodes.
+    Return the hovering places of fly-hover-fly, (U, 2) in m, or (G, U, 2) for G > 1 ground nodes.
 
     The transmitter hovers above the ground nodes in the order of the shortest way, the jammers
     above the eavesdroppers in turn. Receivers that move are taken where they are at half time.
@@ -104,7 +104,7 @@ def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
     Return the flight of a UAV to a hovering place and on to its goal around obstacles.
 
     It may cut corners and need too much acceleration, which the projection corrects. A UAV
-    without the time to reach its place turns back on the way, or flies directly.
+    without the time to reach its place turns back on the way, or flies by fly_direct.
 
     :param index: index of the UAV.
     :param out: index of the route to the place, 0 for the shortest.
@@ -141,7 +141,8 @@ def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     Return the flight of least utilisation of a UAV from start to goal, (N+2, 2) in m.
 
     :param index: index of the UAV.
-    :param route: index of the route around obstacles, flown from rest to rest; 0 for the shortest.
+    :param route: index of the route around obstacles, 0 for the shortest. It is flown from rest to
+        rest as if it were straight.
     :return: None without such a route. Without obstacles only route 0 exists.
     """
     scenario = problem.scenario
@@ -165,8 +166,8 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     Return the flight of a UAV that hovers equally long at H stops, (N+2, 2) in m.
 
     If there is no time to reach all stops, each moves towards its place on the straight flight by
-    the same share. If even this takes too long, the flight is fly_direct's. With a limit of
-    acceleration, points are averages over the slots that the acceleration to full speed takes.
+    the same share. If even this takes too long, the flight is fly_direct's or a straight line.
+    With a limit of acceleration, points are averages over the slots of acceleration to full speed.
 
     :param stops: places to hover at in order, (H, 2) in m.
     """
@@ -177,7 +178,7 @@ def _fly_over(problem: Problem, index: int, stops: Array) -> Array:
     moves = scenario.slots + 1 - width  # Moves of the path before averaging, at full speed or 0.
     between = start + np.linspace(0, 1, len(stops) + 2)[1:-1, None] * (goal - start)
 
-    def find_legs(share: float) -> list[Array]:
+    def find_legs(share: float) -> list[Array]:  # Routes (K, 2) to the moved stops and the goal.
         places = [start, *(between + share * (stops - between)), goal]
         graph, routes = problem.find_routes(index, places, 1)
         return [leg for leg, *_ in routes] if graph is not None and all(routes) else [
@@ -222,11 +223,12 @@ def generate_direct_flights(problem: Problem, raise_if_over: DeadlineCheck) -> I
 def _turn_back(graph: VisibilityGraph, out: Array, goal: Array,
                reach: float) -> tuple[Array, Array] | None:
     """
-    Return the longest beginning of a route from whose end the goal is in reach, and the way there.
+    Return the longest beginning of a route from whose end the goal is in reach, and the way back.
 
     :param out: a route, (K, 2) in m, from whose end the goal is out of reach.
     :param reach: largest length of both parts together [m].
-    :return: both parts, or None if the goal is in reach from no place beyond the route's start.
+    :return: the beginning and the route from its end to the goal, (K', 2) each in m; None if the
+        goal is in reach from none of _TURNS places along the route, the start apart.
     """
     covered = np.linspace(0, _measure_length(out), _TURNS)
     places = _locate(out, covered)
@@ -308,7 +310,7 @@ def _fly_hover_fly(problem: Problem, uav: Uav, place: Array) -> Array:
 
 
 def _find_turning_place(start: Array, goal: Array, place: Array, reach: float) -> Array:
-    """Return the last place on the line from start to `place` from which the goal is in reach."""
+    """Return the last place from start to `place` by which a way to goal is <= reach [m] long."""
     outward = math.dist(start, place)
     if outward + math.dist(place, goal) <= reach:
         return place

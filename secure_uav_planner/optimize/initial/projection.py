@@ -76,7 +76,7 @@ def project(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineC
 
 def move_inside(grid: Grid, positions: Array, share: float,
                 raise_if_over: DeadlineCheck) -> Array | None:
-    """Return flights (U, N+2, 2) in m as they are if well inside all limits, else projected."""
+    """Return flights (U, N+2, 2) in m, projected unless well inside all limits, or None."""
     projection = _Projection(grid, share, raise_if_over)
     inside = projection.test_inside(positions, _CLEARANCE / 2)
     return positions if inside.all() else projection.solve(positions, inside=inside)
@@ -159,14 +159,14 @@ class _Projection:
         return chosen
 
     def _split_groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
-        """Yield indices of UAVs to be moved in groups of one, or of up to _MOST_MOVED points."""
+        """Yield indices of UAVs to be moved: one, or several with <= _MOST_MOVED points in all."""
         uavs = np.flatnonzero(moving & ~self._grid.fixed)
         most = max(1, _MOST_MOVED // self._grid.slots)
         for first in range(0, len(uavs), most):
             yield uavs[first:first + most]
 
     def test_inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
-        """Return True for UAVs inside all limits, (U,), by a clearance [steps] from lines."""
+        """Return True for UAVs inside all limits, farther than a clearance [steps] from lines."""
         inside = np.full(len(positions), True)
         for norm in self._norms:
             inside &= self._grid.fixed | (norm.utilisations(positions) < 1)
@@ -299,7 +299,7 @@ class _Projection:
 
 
 def _assemble(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
-    """Stack rows of maps A x + b; return -A, sparse, and b, as Clarabel's s = b - (-A) x needs."""
+    """Return -A, sparse, and b of all rows A x + b, as Clarabel's s = b - (-A) x needs them."""
     parts, count = [], 0
     for entries, constants in rows:
         parts += [(row + count, column, value) for row, column, value in entries]

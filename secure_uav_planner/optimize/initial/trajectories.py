@@ -36,9 +36,9 @@ def check_durations(problem: Problem, raise_if_over: DeadlineCheck) -> None:
     """
     Raise an error unless each UAV, if it were alone, has the time from start to goal.
 
-    :raises InfeasibleMissionError: for the slowest UAV, naming a duration that is enough for all;
-        `further` has the errors of the other slow UAVs. No duration is named if raise_if_over
-        raises TimeLimitError during its search.
+    :raises InfeasibleMissionError: for the slowest UAV, naming a duration that is enough for all,
+        or that none is; `further` has the errors of the other slow UAVs. No duration is named if
+        raise_if_over raises TimeLimitError during its search.
     """
     scenario, least_flights = problem.scenario, problem.grid.least_flights
     utilisations = least_flights.find_utilisations(scenario, raise_if_over)
@@ -198,7 +198,7 @@ def _find_obstructions(scenario: Scenario, number: int,
 
 
 def _advise_slots(scenario: Scenario, raise_if_over: DeadlineCheck) -> str:
-    """Return advice on more slots, or more and a longer duration, that have flights, or ''."""
+    """Return advice on more slots, perhaps with a longer duration, that have flights, or ''."""
     # A slot's piece of a flight is straight, and may be too long for a narrow gap.
     with suppress(TimeLimitError):
         for longer, factor in product(_LONGER, _FINER):
@@ -229,8 +229,9 @@ def fly_hover_fly_positions(problem: Problem,
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
     list_hovering_places chooses the places. A UAV without the time to reach its place flies
-    towards it and turns back at the last moment from which it reaches the goal. Flights go around
-    obstacles and keep their separation.
+    towards it and turns back at the last moment from which it reaches the goal. With zones, a
+    fence or a separation, flights that keep all limits are sought near these, then near direct
+    flights from start to goal.
 
     :raises InfeasibleMissionError: if no flights that keep all limits are found, naming the UAVs,
         the obstacles or limits, and a duration with which flights are found; `further` has the
@@ -280,11 +281,12 @@ def adapt_plan(problem: Problem, plan: Plan,
     Return positions (U, N+2, 2) in m and powers (U, N) in W of a plan adapted to another problem.
 
     Slots are matched by their share of the duration. The moves of starts and goals are blended
-    over the whole flight. Flights that break limits are replaced by flights near them that keep
-    the limits. If none are found, the positions are None.
+    over the whole flight. Flights that break limits are replaced: by find_flights_near, or if this
+    fails by Problem.retract. If neither keeps all limits, the positions are None.
 
     :raises OptionError: when the number of UAVs differs.
     :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
+    :raises TimeLimitError: when the time is over and Problem.retract does not keep all limits.
     """
     scenario = problem.scenario
     if len(plan.scenario.uavs) != len(scenario.uavs):

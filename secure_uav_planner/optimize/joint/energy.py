@@ -41,7 +41,7 @@ class _Start(NamedTuple):
 def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
                           optima: Optima | None = None) -> Status:
     """
-    Improve the incumbent of a SolverDriver from starts for its limits of energy.
+    Improve the incumbent of a SolverDriver from starts within energy limits; return 'converged'.
 
     A plan of (P2) is sought first. For (P1) the best flights of this search are then improved.
 
@@ -86,7 +86,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 
 
 def find_within_energy(driver: SolverDriver) -> Status:
-    """Try to find a plan of (P2) within limits of energy by direct flights with loiter circles."""
+    """Try plans of (P2) with direct flights and loiter circles; return 'converged' in any case."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
     _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
@@ -104,11 +104,11 @@ def _drive_guaranteed(driver: SolverDriver) -> SolverDriver:
 def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
                      ) -> Iterator[InteriorPointSolver]:
     """
-    Yield up to three solvers in turn after ENERGY.steps Newton steps from starts.
+    Yield up to three solvers, each after ENERGY.steps Newton steps from its starts.
 
-    The first has the starts on a coarse grid, on which flights take more energy. If there is no
-    plan yet, the caller asks for more: the same starts on the full grid, if it is finer, then the
-    starts of _mix_least_energies.
+    The first has the starts on a coarse grid, on which flights take more energy. The caller stops
+    when it has a plan. Otherwise the second has the same starts on the full grid, if it is finer,
+    and the last has the starts of _mix_least_energies.
     """
     full = driver.grid
     slots = max(ENERGY.coarse_slots, math.ceil(full.scenario.duration / ENERGY.slot_duration))
@@ -122,7 +122,7 @@ def _advance_in_turn(driver: SolverDriver, starts: Sequence[_Start]
 
 
 def _finish(driver: SolverDriver, solver: InteriorPointSolver) -> Iterator[tuple[Array, Array]]:
-    """Yield variables (N, U, 3) and prices (U,) of the best starts, finished on the full grid."""
+    """Yield x (N, U, 3), prices (U,) of the best starts on the full grid; none if rates are 0."""
     rates = solver.rates()
     for start in select_best(rates, ENERGY.gap, ENERGY.finished) if rates.any() else ():
         with suppress(NumericalError):
@@ -164,7 +164,7 @@ def _measure_energies(solver: InteriorPointSolver) -> tuple[Array, Array]:
 
 
 def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
-    """Yield starts in which each UAV has its flight of least energy among a solver's starts."""
+    """Yield a start for each of ENERGY.least, of the flights of least energy in a solver."""
     flights, energies = _measure_energies(solver)
     least = energies.argmin(axis=0)
     # All powers are of the start from which the transmitter's flight is.
@@ -175,7 +175,7 @@ def _mix_least_energies(solver: InteriorPointSolver) -> Iterator[_Start]:
 
 def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
                      optima: Optima | None) -> Iterator[_Start]:
-    """Yield starts from plans without limits of energy, as they are and with circles."""
+    """Yield plans without limits of energy, as they are and with circles, then direct circles."""
     flights = [(best.positions, best.powers, 3) for best in unlimited]  # 3 beginnings each.
     if optima is not None:
         slots, grid = driver.grid.slots, optima.grid
@@ -193,7 +193,7 @@ def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
-    """Yield a start for each of CIRCLES: direct flights with such loiter circles all the way."""
+    """Yield a start for each of CIRCLES: the grid's reference flights, circling all the way."""
     for circle in CIRCLES:
         circled = add_circles(driver.incumbent.scenario, driver.grid.reference_flight, *circle,
                               slow=math.inf)
@@ -201,7 +201,7 @@ def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return errors of UAVs with least energies (U,) [J] above max_energy; if none is, of all."""
+    """Return errors of UAVs with energies (U,) [J] above max_energy, else of all, worst first."""
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
@@ -217,7 +217,7 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
 
     While a UAV is slower than slow * max_speed, whole circles through its place are added to its
     flight. Speed on the circles rises from 0 to a top speed and falls to 0 again. In a short time
-    the top is lower, or no circle is added. UAVs without max_energy or max_acceleration stay.
+    the top is lower, or no circle is added. UAVs without max_energy or max_acceleration have none.
 
     :param positions: flights, (U, N+2, 2) in m.
     :param direction: bearing of the circles' centres from the places, relative to the bearing of
@@ -235,7 +235,7 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
         acceleration = ENERGY.speeding * uav.max_acceleration
         for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
             times = np.arange(last - first + 1.0) * step
-            # The highest speed at which a circle fits into the time.
+            # The highest speed at which a whole circle fits into 95 % of the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
                 1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
             if top < ENERGY.slow * uav.max_speed:

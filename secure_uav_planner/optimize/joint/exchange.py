@@ -26,10 +26,10 @@ _NAT = 1 / np.log(2)  # One nat, in bit.
 
 def improve_by_exchange(driver: SolverDriver, optima: Optima | None = None) -> Status:
     """
-    Improve the incumbent for problem (P1), against the worst places of the discs.
+    Improve the incumbent for (P1), against worst places; return the status of the first start.
 
-    :param optima: local optima of problem (P2), whose rate bounds the worst case by a formula. The
-        optimum with the best rate in (P1) is tried as a second start.
+    :param optima: local optima of problem (P2), whose rate bounds the worst case by a formula. Of
+        two or more, the one with the best rate in (P1) is a second start.
     """
     incumbent = driver.incumbent
     driver.raise_if_over()
@@ -67,7 +67,7 @@ def _improve_once(driver: SolverDriver, x: Array, mu: float, steps: int,
 
 
 def _explore(driver: SolverDriver, optima: Optima) -> Array:
-    """Return the iterate (N, U, 3) of the best rate in (P1) in a few steps from optima of (P2)."""
+    """Return the iterate (N, U, 3) best in (P1) after a few steps from each optimum of (P2)."""
     best, rate = optima.x[0], 0.0
     for x in optima.x[:EXCHANGE.explored]:
         exchange = _Exchange(driver, optima.grid, x, EXCHANGE.exploring_mu)
@@ -106,11 +106,7 @@ class _Exchange:
 
     @property
     def is_done(self) -> bool:
-        """
-        Whether the solver is at rest or has taken EXCHANGE.final_steps at its last mu.
-
-        The number of steps is limited because places may oscillate for ever.
-        """
+        """Whether at rest, or after EXCHANGE.final_steps at the last mu: places may oscillate."""
         return self.at_rest or self._last_steps >= EXCHANGE.final_steps
 
     @property
@@ -119,7 +115,7 @@ class _Exchange:
         return self._solver.solver_time
 
     def propose(self) -> Array | None:
-        """Return the best iterate, or None if it is no better than the last proposed one."""
+        """Return the best iterate; None if not above the first incumbent and last proposal."""
         if self.rate <= self._proposed:
             return None
         self._proposed = self.rate
@@ -175,7 +171,7 @@ class WorstPlaces:
 
     def exchange(self, x: Array, shares: Array, tolerance: float) -> bool:
         """
-        Exchange a place of every disc and slot for the disc's worst place at x, (N, U, 3).
+        Exchange a place of each slot and disc for the worst at x, (N, U, 3), if near or worse.
 
         The worst place replaces the nearest of the disc's P places if it is within EXCHANGE.near
         radii; the dual of the near place carries over. Without a near place, it replaces the place

@@ -64,7 +64,7 @@ class InteriorPointSolver:
             self.finished, self.over, self.prices)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
-        """Replace the places of receivers and discs; `worse` ones make all starts unfinished."""
+        """Replace the places of receivers and discs; `worse` True makes all starts unfinished."""
         self._core.exchange_places(
             _to_kernel(**discs), np.ascontiguousarray(receivers.positions, float))
         if worse:
@@ -72,9 +72,10 @@ class InteriorPointSolver:
 
     def rates(self) -> Array:
         """
-        Return each start's least weighted mean rate over nodes, (S,) in units of grid.rate.
+        Return min over nodes of (offset + mean rate) / weight, (S,) in units of grid.rate.
 
-        The rate is 0 if it is negative, or if an energy of the start may exceed its limit.
+        Negative rates of slots are replaced by 0. A start with an energy that may exceed its limit
+        has the rate 0.
         """
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)
@@ -92,7 +93,7 @@ class InteriorPointSolver:
 
     def advance(self, steps: int, final: float) -> int:
         """
-        Take `steps` steps from every start, or fewer if steps are expensive.
+        Take `steps` steps from every start, or fewer if steps are expensive; change x in place.
 
         After a step the barrier parameter of a centred or stalled start is lowered towards
         `final`. Finished starts step as well.
@@ -215,12 +216,13 @@ class SolverDriver:
         """
         Take steps until a solver is done; report each step to the incumbent.
 
-        If an error ends the steps, the best iterate is proposed before the error is raised.
+        If an error ends the steps, the solver's best is proposed before the error is raised.
 
         :param mu: barrier parameter to which the solver lowers its own.
         :param steps: largest number of steps.
         :param at_once: steps in one call of the solver. Above 1, all `steps` are taken.
         :param try_every: steps between two proposals to the incumbent; 0 for no proposal.
+        :return: 'converged' if the solver is done, 'iteration_limit' after all `steps`.
         """
         taken = 0
         try:

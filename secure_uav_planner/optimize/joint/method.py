@@ -56,9 +56,10 @@ def _improve_within_energy(driver: SolverDriver) -> Status:
     """
     Improve the incumbent of a SolverDriver whose scenario has limits of energy; see improve.
 
-    Plans without these limits are sought first, and are starts of improve_within_energy unless all
-    of the plans keep the limits. The search for (P2) is the same for both objectives, so that the
-    plan of (P1) is never below the plan of (P2).
+    A warm iterate within the limits is the only start. Otherwise plans without these limits are
+    sought first, and are starts of improve_within_energy unless all of the plans keep the limits.
+    The search for (P2) is the same for both objectives, so that the plan of (P1) is never below
+    the plan of (P2).
     """
     incumbent = driver.incumbent
     if incumbent.warm and math.isfinite(incumbent.rate):

@@ -4,10 +4,9 @@ Multistart: Newton steps from random starts on a coarse grid; the best starts ar
 Many starts are ranked after a few steps, and only the best take further ones. The best are
 polished on the coarse grid from further inside: steps from there lead past the nearest optimum.
 With several ground nodes, or many UAVs, the best also hop: one UAV and the jamming change for a
-while.
-A few starts are finished on the full grid, and the best plan is polished there.
-Where the first starts end in one optimum far above fly-hover-fly, the rest are not begun.
-Otherwise fly-hover-fly with the best powers is tried, too.
+while. A few starts are finished on the full grid, and the best plan is polished there. If the
+first starts end in one optimum far above fly-hover-fly, the rest are not begun. Otherwise
+fly-hover-fly with the best powers is tried, too.
 
 Power control on a fixed trajectory starts from several levels of jamming, in which its local
 optima differ.
@@ -37,10 +36,11 @@ _Starts: TypeAlias = tuple[Array, Array]
 
 def improve_by_multistart(driver: SolverDriver) -> Status:
     """
-    Improve the incumbent of a SolverDriver from several starts; return the status of the best.
+    Improve the incumbent of a SolverDriver from several starts, and return the status.
 
     Starts take Newton steps, polish and hop on a coarse grid. The best are finished on the full
-    grid. Rates of incumbents [bit/s/Hz] times log(2) / grid.rate are in units.
+    grid, and the status is 'converged' if any start converges there. A rate r [bit/s/Hz] of an
+    incumbent is r * log(2) / grid.rate in the units of solvers.
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
@@ -48,8 +48,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     baseline = incumbent.with_objective('guaranteed')
     baseline.try_less_jamming()
     counts_sights = incumbent.scenario.channel.counts_sights
-    offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)
-    early = SolverDriver(incumbent, elevation_offset=offsets[0])
+    offsets = (*MULTISTART.elevation_offsets, 0.0) if counts_sights else (0.0,)  # [degrees]
+    early = SolverDriver(incumbent, elevation_offset=offsets[0])  # On the coarse grid.
     is_single = len(incumbent.scenario.ground_nodes) == 1
     search = (MULTISTART.several_nodes if not is_single
               else MULTISTART.many_uavs if len(incumbent.scenario.uavs) >= MULTISTART.many
@@ -68,17 +68,17 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
                 more_x, more_rates = _advance_starts(
                     early, grid, more_x, mu, search.ranking, search.lowered)
                 x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
-        near = select_best(rates, search.gap, MULTISTART.polished)
-        x, rates = _polish(early, grid, x[near], rates[near], search)
+        chosen = select_best(rates, search.gap, MULTISTART.polished)
+        x, rates = _polish(early, grid, x[chosen], rates[chosen], search)
         x, rates = _hop(early, grid, x, rates, search, search.hops)
         driver.optima = Optima(grid, x[select_best(rates, MULTISTART.gap, MULTISTART.polished)])
     # The best are finished on the full grid, while elevation offsets fall to 0.
-    near = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
+    best = select_best(rates, MULTISTART.gap, 1 if agreed else search.finished)
     if is_single:
-        fine = early.refine_to_full_grid(grid, x[near], DESCENT.coarse_mu)
+        fine = early.refine_to_full_grid(grid, x[best], DESCENT.coarse_mu)
     else:
         fine = early.refine_to_full_grid(
-            grid, x[near], np.minimum(MULTISTART.nodes_mu * rates[near], DESCENT.coarse_mu),
+            grid, x[best], np.minimum(MULTISTART.nodes_mu * rates[best], DESCENT.coarse_mu),
             scale=min(rates.max(), 1.0))
     for offset in offsets[1:]:
         driver.descend(fine, MULTISTART.offset_mu, MULTISTART.offset_steps)
@@ -97,7 +97,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
 
 
 def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Status:
-    """Improve the incumbent's own iterate from the first barrier parameter mu."""
+    """Improve the incumbent from its own iterate, with the first barrier parameter mu."""
     incumbent, grid = driver.incumbent, driver.grid
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, DESCENT.warm_share,
                                driver.raise_if_over)
@@ -106,12 +106,13 @@ def improve_incumbent(driver: SolverDriver, mu: float = DESCENT.warm_mu) -> Stat
 
 def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     """
-    Improve only the powers of an Incumbent; return the status of the best start.
+    Improve only the powers of an Incumbent; return the status of the steps on the full grid.
 
-    The flights are fixed. The starts have the incumbent's powers, and the largest powers of starts
-    with jammers at the shares MULTISTART.levels.
+    The flights are fixed. One start has the incumbent's powers. Each other start has the powers
+    of limit_powers, with the jammers' powers scaled by one of MULTISTART.levels.
 
-    :param least: mean rate in units that a start must reach on a coarse grid to be finished.
+    :param least: mean rate in units of grid.rate. If no start reaches it on a coarse grid, the
+        search ends there as 'converged'.
     :raises NumericalError: when no step can be computed from any start.
     """
     incumbent.try_less_jamming()
@@ -131,7 +132,7 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
 
 def _generate_coarse_starts(driver: SolverDriver, search: Search
                             ) -> tuple[Grid, _Starts, Iterator[_Starts]]:
-    """Return the coarsest grid tried with room for most starts, their first batch and the rest."""
+    """Return the coarsest grid tried that has enough flights, and its first and other batches."""
     is_whole = driver.grid.slots <= search.whole_slots
     slots = driver.grid.slots if is_whole else DESCENT.coarse_slots
     while True:
@@ -150,12 +151,14 @@ def _advance_starts(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
                     ranking: tuple[tuple[float, int], ...], lowered: float
                     ) -> tuple[Array, Array]:
     """
-    Return the last S' ranked starts (S', N, U, 3) after Newton steps, and their rates (S',).
+    Return the S' starts (S', N, U, 3) that took all Newton steps, and their rates (S',).
+
+    The best of these starts is proposed to the driver's incumbent.
 
     :param x: variables of the starts, (S, N, U, 3).
     :param mu: first barrier parameters, (S,).
-    :param ranking: pairs (p, n): the best ceil(p S) starts take n steps; see Search.
-    :param lowered: last barrier parameter over the least of the first ones.
+    :param ranking: pairs (p, n), in turn: the present best ceil(p S) starts take n further steps.
+    :param lowered: the last barrier parameter is lowered * min(mu), at most DESCENT.coarse_mu.
     """
     final = min(lowered * mu.min(), DESCENT.coarse_mu)
     solver = driver.build_solver(grid, x, mu)
@@ -171,9 +174,10 @@ def _advance_starts(driver: SolverDriver, grid: Grid, x: Array, mu: Array,
 def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
             search: Search) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) and their rates (S,) after Newton steps that raise a start's rate.
+    Return starts (S, N, U, 3) and their rates (S,), each polished where this raises its rate.
 
-    The steps begin with the barrier parameter share * rate, for each share in search.polish_mus.
+    A polish is Newton steps from the barrier parameter share * rate, at least DESCENT.final_mu.
+    Each share in search.polish_mus has one, in turn. An error of _FAILURES ends them.
     """
     with suppress(*_FAILURES):
         for share in search.polish_mus:
@@ -188,10 +192,11 @@ def _polish(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
          search: Search, hops: Hops) -> tuple[Array, Array]:
     """
-    Return starts (S, N, U, 3) and rates (S,) after hops, changed in place; see Hops.
+    Return the starts x (S, N, U, 3) and `rates` (S,) after hops, which change both in place.
 
-    A round hops from the best distinct starts in turn. A hop changes a start at random, takes
-    Newton steps, and replaces the start if its rate is higher.
+    A hop changes a start by generate_hops, takes hops.steps Newton steps, and replaces the start
+    if its rate is higher. Each of hops.rounds rounds, or fewer, hops MULTISTART.hops_at_once times
+    from the hops.starts best distinct starts in turn, one start fewer after rounds of little gain.
     """
     rng, most_starts = np.random.default_rng(6), hops.starts
     with suppress(*_FAILURES):
@@ -214,10 +219,11 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 
 
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
-    """Try the baseline with the best powers, which are finished if close to the incumbent."""
+    """Improve the baseline's powers, and let the incumbent try the baseline."""
     with suppress(*_FAILURES):
         unit = incumbent.problem.grid.rate
-        # Close: below by at most a share of the rate plus an absolute term, both MULTISTART.close.
+        # Powers are finished if their rate on a coarse grid is below the incumbent's by at most a
+        # share of the rate plus an absolute term, both MULTISTART.close.
         improve_powers(baseline, np.log(2) * (
             (1 - MULTISTART.close) * incumbent.rate / unit - MULTISTART.close))
         baseline.try_idle_slots()
@@ -225,7 +231,7 @@ def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
 
 
 def select_best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
-    """Return a start of each distinct rate within a gap of the best, the best first."""
+    """Return the indices of up to `most` distinct rates >= (1 - gap) * best, the best first."""
     order = np.argsort(-rates)
     best = rates[order[0]]
     new = np.append(True, -np.diff(rates[order]) > MULTISTART.distinct * best)

@@ -79,6 +79,7 @@ class _Numbers:
     """Numbers that are not negative, and ranges that increase; verified when they are made."""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field with a negative number or NaN, or a wrong Range."""
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if not min(_list_numbers(value)) >= 0 or field.type is Range and value[0] >= value[1]:

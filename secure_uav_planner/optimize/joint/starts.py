@@ -49,7 +49,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     targets[:, 0] = grounds[0, index[:, 0]]
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.distance, (count, uavs, 1))
     distances[0] = 0.0
-    x, y = eavesdropper - ground
+    x, y = eavesdropper - ground  # Offsets are along and across this line.
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
     errors = radii[target, index]
@@ -63,12 +63,12 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
 
 def _visit_nodes(scenario: Scenario, places: Array) -> Array:
     """
-    Return starts with a hovering place for each of G ground nodes, (S, G, U, 2) in m.
+    Return hovering places of starts in the order of their G visits, (S, G, U, 2) in m.
 
-    In starts 3, 7, 11, ... the transmitter stays at one random place between the nodes; without a
-    jammer it takes the stops of _find_short_way instead. In other starts it visits the nodes in
-    the orders of list_orders in turn: above the nodes in starts before number len(orders), and at
-    random distances from them later. Jammers stay at their places.
+    In starts 3, 7, 11, ... the transmitter stays at one random place between the ground nodes;
+    without a jammer it takes the stops of _find_short_way instead. In other starts it visits the
+    nodes in the orders of list_orders in turn: above the nodes in starts before number
+    len(orders), and at random distances from them later. Jammers stay at their places.
 
     :param places: hovering places of the starts for the first ground node, (S, U, 2) in m.
     """
@@ -92,11 +92,11 @@ def _visit_nodes(scenario: Scenario, places: Array) -> Array:
 
 def _find_short_way(scenario: Scenario, nodes: Array, order: list[int]) -> Array:
     """
-    Return stops from which nodes (G, 2) in m are served in an order without jamming, (G, 2) in m.
+    Return stops (G, 2) in m of a short way that serves nodes (G, 2) in m without jamming.
 
-    A stop is a node or a random place around it with a positive rate for the node. Dynamic
-    programming finds the stops of the shortest way. Such stops are for missions without a jammer,
-    in which places between the nodes may have no rate.
+    Stop number i is for node order[i]: the node's place, or a random place around it with a
+    positive rate for the node. Dynamic programming finds the stops with the shortest way from
+    UAV 0's start to its goal. If node order[i] has no such place, stops i and later are the nodes.
     """
     rng, shape = np.random.default_rng(4), (len(nodes), STARTS.way_places)
     distances = scenario.altitudes.mean() * log_uniform(rng, STARTS.way_distance, (*shape, 1))
@@ -125,8 +125,8 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
     """
     Yield one or two batches of strictly feasible starts with their first barrier parameters.
 
-    With one ground node all starts are random. With several, the first batch joins
-    STARTS.first_batch random starts and half as many of the best starts that visit the nodes; the
+    With one ground node all starts are random. With several, the first batch joins the first
+    batch of random starts and STARTS.first_batch // 2 of the best starts that visit the nodes; the
     second batch has the other starts that visit the nodes.
 
     :param grid: a grid of any number of slots.
@@ -155,13 +155,13 @@ def generate_starts(grid: Grid, problem: Problem, baseline: Array,
 def _generate_visiting(grid: Grid, baseline: Array, count: int,
                        raise_if_over: DeadlineCheck) -> tuple[Array, Array, float]:
     """
-    Return the best starts of generate_visits, the best first, and the baseline; at most `count`.
+    Return `count` starts: the best of generate_visits, the best first, and last the baseline.
 
-    Starts without strictly feasible flights are left out.
+    Starts without strictly feasible flights are left out, and not replaced.
 
-    :return: the starts, (S, N, U, 3); their first barrier parameters, (S,); and a scale for the
-        barrier parameters of random starts: the best estimated rate, clipped to STARTS.scales. All
-        are in units of the grid.
+    :return: the starts, (S, N, U, 3); their first barrier parameters, (S,); and a factor for the
+        barrier parameters of random starts: the best estimated rate in units of grid.rate, clipped
+        to STARTS.scales.
     """
     scenario, most = grid.scenario, limit_powers(grid.scenario)
     flights, powers, rates = generate_visits(grid, count - 1, most, raise_if_over)
@@ -169,15 +169,15 @@ def _generate_visiting(grid: Grid, baseline: Array, count: int,
     scale = float(np.clip(rates.max(), *STARTS.scales))
     mus = np.maximum(STARTS.visit_mu * rates, STARTS.least_mu)
     constant = np.repeat(most, grid.slots, axis=1)
-    starts, kept = [], []
+    starts, first_mus = [], []
     for flight, power, mu in (*zip(flights, powers, mus),
                               (baseline, constant, STARTS.baseline_mu * scale)):
         inside = find_interior(grid, flight, STARTS.visit_share, raise_if_over)
         if inside is not None:
             starts.append(_make_variables(grid, inside, STARTS.on * power, STARTS.silent))
-            kept.append(mu)
+            first_mus.append(mu)
     x = np.array(starts).reshape(-1, grid.slots, len(scenario.uavs), 3)
-    return x, np.array(kept), scale
+    return x, np.array(first_mus), scale
 
 
 def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
@@ -185,9 +185,10 @@ def _generate_random(grid: Grid, problem: Problem, baseline: Array, count: int,
     """
     Yield two batches of starts through random hovering places, (S, N, U, 3), and their mu (S,).
 
-    With zones, a fence or a separation, the first batch also tries the first hovering places with
-    other routes, or with UAVs that pass each other on the other side. If fewer flights than starts
-    are found, several starts share a flight and differ in their powers.
+    With zones, a fence or a separation, the first batch also tries the hovering places of start 0
+    with other routes, or with UAVs that pass each other on the other side. If fewer flights than
+    starts are found, several starts share a flight and differ in their powers. If no flight is
+    found, all share the baseline (U, N+2, 2). NumericalError is raised as in generate_starts.
     """
     scenario = grid.scenario
     places, alternatives = sample_hovering_places(scenario, count), []
@@ -218,7 +219,7 @@ def _generate_flights(grid: Grid, problem: Problem,
                       batch: Iterable[tuple[Array, _Routes, bool]],
                       raise_if_over: DeadlineCheck) -> Iterator[tuple[Array, Array]]:
     """
-    Yield pairs of flights: on the scenario's slots, and on a grid, strictly inside its limits.
+    Yield pairs of flights, on the scenario's slots and strictly inside a grid's limits, if found.
 
     :param batch: hovering places, (U, 2) or (G, U, 2) in m, routes as for build_flights, and
         whether UAVs that meet pass each other on the side opposite to the nearest.
@@ -236,9 +237,9 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     """
     Return the variables (S, N, U, 3) of starts with random jamming powers, and their mu (S,).
 
-    Starts 1, 3, 5, ... have the low mu STARTS.close_mu. Starts 1, 5, 9, ... jam more. Starts 3,
-    7, 11, ... transmit only in slots that have a rate without jamming, because in some missions
-    few slots deliver. Without such a slot they transmit in all slots.
+    Starts 1, 3, 5, ... have the low mu STARTS.close_mu. Starts 1, 5, 9, ... jam more. In starts 3,
+    7, 11, ... the transmitter sends only in slots that have a rate without jamming, because in
+    some missions few slots deliver. Without such a slot the transmitter sends in all slots.
 
     :param flights: two flights of each start: on the scenario's slots, and on the grid.
     """
@@ -262,15 +263,16 @@ def generate_hops(grid: Grid, x: Array, rates: Array, rng: np.random.Generator,
     """
     Return random starts near given ones: one UAV's path and the jamming change for a while.
 
-    In start s the bump b(t) = exp(-((t - t_s) / w_s)^2 / 2) around a random time t_s moves
-    the path of a random UAV by b times a random vector, and scales the power of each jammer by
-    exp(b z) with a normal z. Changes without strictly feasible flights are left out.
+    Time t is in shares of the flight. In start s the bump b(t) = exp(-((t - t_s) / w_s)^2 / 2),
+    with a random time t_s and width w_s, moves the path of a random UAV by b times a random
+    vector, and scales the power of each jammer by exp(b z) with a normal z. Start and goal stay.
+    Changed starts without strictly feasible flights are left out.
 
     :param x: variables of the given starts, (S, N, U, 3).
     :param rates: rates of the given starts in units, (S,).
     :return: the indices of the S' given starts that are changed, the changed starts
         (S', N, U, 3), and their first barrier parameters (S',).
-    :raises NumericalError: when there are no starts.
+    :raises NumericalError: when all are left out.
     """
     scenario, uavs = grid.scenario, len(grid.scenario.uavs)
     along = np.linspace(0, 1, grid.slots + 2)
@@ -299,8 +301,9 @@ def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Route
     """
     Yield alternative routes to hovering places (U, 2) or (G, U, 2) in m.
 
-    The first alternative has UAVs that pass on the opposite side, if they keep a separation. In
-    each other one UAV takes its route 1 or 2 instead of 0, to its place or to its goal.
+    If UAVs keep a separation, the first alternative has the shortest routes, and UAVs that meet
+    pass on the opposite side. In each other one, a UAV with a single place takes its route 1 or 2,
+    if there is one, instead of 0, to its place or to its goal.
 
     :return: routes as for build_flights, and whether UAVs that meet pass on the opposite side.
     """
@@ -323,7 +326,8 @@ def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: f
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
-    :param share: share of each slack that flights keep free; powers keep power_margin * share.
+    :param share: share of each slack that flights keep free. Powers keep the share
+        STARTS.power_margin * share of their limits free.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
     flights = find_interior(grid, positions, share, raise_if_over)
@@ -338,8 +342,8 @@ def _make_variables(grid: Grid, flights: Array, powers: Array, least: float | Ar
     """
     Return the variables (..., N, U, 3) of flights and powers, with powers made strictly feasible.
 
-    Powers are clipped to [least * limit_powers, most * peak], then scaled down to a mean of at
-    most most * average, where most = 1 - STARTS.power_margin * share.
+    Powers are clipped to [least * limit_powers, ratio * peak], then scaled down to a mean of at
+    most ratio * average, where ratio = 1 - STARTS.power_margin * share.
 
     :param flights: strictly feasible flights, (..., U, N+2, 2) in m.
     :param powers: powers, (..., U, N) in W.
@@ -347,9 +351,9 @@ def _make_variables(grid: Grid, flights: Array, powers: Array, least: float | Ar
     :param share: share of each slack that the flights keep free.
     """
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
-    most = 1 - STARTS.power_margin * share
-    power = np.clip(powers, least * limit_powers(grid.scenario), most * peak)
-    power *= np.minimum(1, most * average / power.mean(axis=-1, keepdims=True))
+    ratio = 1 - STARTS.power_margin * share
+    power = np.clip(powers, least * limit_powers(grid.scenario), ratio * peak)
+    power *= np.minimum(1, ratio * average / power.mean(axis=-1, keepdims=True))
     return grid.variables(flights[..., 1:-1, :], power)
 
 
@@ -367,9 +371,9 @@ def limit_powers(scenario: Scenario) -> Array:
 def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: DeadlineCheck,
                   opposite: bool = False) -> Array | None:
     """
-    Return flights on a grid that are strictly inside their limits, or None.
+    Return flights (U, N+2, 2) in m on a grid, strictly inside its limits, or None.
 
-    If the grid's flights are all fixed, they are only interpolated.
+    If all flights of the grid are fixed, they are only interpolated.
 
     :param positions: (U, M+2, 2) in m, for any number M of slots.
     :param share: share of each slack that the flights keep free.
@@ -385,9 +389,10 @@ def find_interior(grid: Grid, positions: Array, share: float, raise_if_over: Dea
 
 def limit_acceleration(grid: Grid, positions: Array) -> Array:
     """
-    Return positions (U, N+2, 2) in m moved strictly inside limits of acceleration, if there are.
+    Return positions (U, N+2, 2) in m moved inside limits of acceleration and speed.
 
-    Without limits of acceleration positions stay: blending and interpolation keep the speed limit.
+    They keep the share STARTS.margin of both limits free if the reference flight does. Without a
+    limit of acceleration positions stay: blending and interpolation keep the limit of speed.
     """
     if grid.scenario.limits_acceleration:
         for limit in build_limits(grid):
@@ -401,8 +406,8 @@ def refine(grid: Grid, x: Array, finer: Grid, raise_if_over: DeadlineCheck) -> A
     Return variables (N, U, 3) interpolated to a finer grid and moved strictly inside its limits.
 
     Return None if no flights strictly inside the limits are found. limit_acceleration blends whole
-    flights with the reference flight, by which one of several ground nodes may lose its rate; a
-    projection moves such flights less.
+    flights with the reference flight, by which one of several ground nodes may lose its rate. So
+    move_inside is used there instead, and with zones, a fence or a separation.
 
     :param x: variables of the coarser `grid`, (M, U, 3).
     """

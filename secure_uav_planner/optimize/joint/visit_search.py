@@ -21,13 +21,13 @@ from ...model.limits import build_limits, NormLimit
 def generate_visits(grid: Grid, count: int, powers: Array, raise_if_over: DeadlineCheck
                     ) -> tuple[Array, Array, Array]:
     """
-    Return the `count` best starts that visit all ground nodes, the best estimated rate first.
+    Return the S = `count` best starts that visit all ground nodes, the best estimate first.
 
-    Random visits are drawn for every order of list_orders and improved by random changes.
+    Random visits are drawn for every order of list_orders and improved by random changes. Flights
+    keep the limits of speed and acceleration; they may break others.
 
     :param powers: largest power of each UAV in starts, (U, 1) in W; see limit_powers.
-    :param raise_if_over: called before each order and each round of changes; what it raises is
-        passed on.
+    :param raise_if_over: called before each order and each round of changes.
     :return: flights (S, U, N+2, 2) in m on the grid, powers of the slots (S, U, N) in W, and
         estimates of the least mean rates over weight in bit/s/Hz, (S,).
     """
@@ -59,8 +59,9 @@ def _improve_visits(grid: Grid, visits: Visits, powers: Array, rng: np.random.Ge
     """
     Return the visits of C starts after rounds of random changes.
 
-    A round changes every start once, and keeps changes that raise the start's estimate. Rounds end
-    after VISIT_SEARCH.changes if enough starts serve all nodes, otherwise after `most_changes`.
+    A round changes every start once, and keeps changes that raise the start's estimate. There are
+    at least VISIT_SEARCH.changes rounds. More follow until the share VISIT_SEARCH.serving of the
+    starts serves all nodes, to at most VISIT_SEARCH.most_changes rounds.
 
     :param powers: largest power of each UAV in starts, (U, 1) in W.
     """
@@ -81,12 +82,14 @@ def _improve_visits(grid: Grid, visits: Visits, powers: Array, rng: np.random.Ge
 def _estimate(grid: Grid, visits: Visits, flights: Array,
               powers: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """
-    Estimate the least over nodes of mean rate / weight of C starts on a grid of N slots.
+    Return estimates of C starts' least over nodes of mean rate / weight, powers and a mask.
+
+    An estimate is an upper bound by _bound_least_rates for the N slots of the grid.
 
     :param flights: flights through the visits, (C, U, N+2, 2) in m.
     :param powers: largest power of each UAV in starts, (U, 1) in W.
-    :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and whether
-        any node has a positive rate in each slot, (C, N).
+    :return: the estimates in bit/s/Hz, (C,); the powers of the slots in W, (C, U, N); and True for
+        slots in which any node has a positive rate, (C, N).
     """
     scenario = grid.scenario
     slots = np.arange(1, grid.slots + 1) / (grid.slots + 1)
@@ -98,15 +101,15 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
         times=np.tile(grid.times, len(flights)))
     rates = rates.reshape(len(rates), len(flights), grid.slots)
     delivers = np.asarray((rates > 0).any(axis=0))
-    # A node without a positive rate gets the rate lack * 2^(best rate), which rises with its
-    # negative best rate.
+    # Rates are at least `lacks`: for a node without a positive rate this is lack * 2^(best rate),
+    # which rises with its negative best rate.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
     rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
     return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, delivers
 
 
 def _join(values: Array) -> Array:
-    """Join the slots of C flights: return values (C, U, N, ...) as (U, C N, ...)."""
+    """Return values (C, U, N, ...) of C flights as (U, C N, ...), flight after flight."""
     return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
 
 
@@ -147,26 +150,26 @@ def _change(scenario: Scenario, visits: Visits, drawn: Visits, rng: np.random.Ge
     """
     starts, (count, stops, uavs) = np.arange(len(visits.nodes)), visits.shares.shape
     kind, stop = rng.integers(4, size=count), rng.integers(stops, size=count)
-    ends = np.sort(rng.integers(stops, size=(count, 2)), axis=1)[..., None]
+    part = np.sort(rng.integers(stops, size=(count, 2)), axis=1)[..., None]  # First and last.
     order = np.arange(stops)
-    part = (kind == 0)[:, None] & (ends[:, 0] <= order) & (order <= ends[:, 1])
-    order = np.where(part, ends.sum(axis=1) - order, order)
+    turned = (kind == 0)[:, None] & (part[:, 0] <= order) & (order <= part[:, 1])
+    order = np.where(turned, part.sum(axis=1) - order, order)
     nodes, places, shares, durations = visits.take((starts[:, None], order))
 
     source = rng.integers(len(drawn.nodes), size=count)
-    at = (drawn.nodes[source] == nodes[starts, stop][:, None]).argmax(axis=1)
+    same_node = (drawn.nodes[source] == nodes[starts, stop][:, None]).argmax(axis=1)
     uav = rng.integers(uavs, size=count)
     taken = (rng.random((count, 1)) < 0.5) | (np.arange(uavs) == np.reshape(uav, (-1, 1)))
     taken &= (kind == 1)[:, None]
     places[starts, stop] = np.where(
-        taken[..., None], drawn.places[source, at], places[starts, stop])
-    shares[starts, stop] = np.where(taken, drawn.shares[source, at], shares[starts, stop])
+        taken[..., None], drawn.places[source, same_node], places[starts, stop])
+    shares[starts, stop] = np.where(taken, drawn.shares[source, same_node], shares[starts, stop])
 
     lengths = scenario.altitudes.mean() * log_uniform(rng, VISIT_SEARCH.shift, (count, 1))
     moves = lengths * rng.normal(size=(count, 2))
     places[starts, stop, uav] += np.where((kind == 2)[:, None], moves, 0.0)
-    louder = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
-    shares[starts, stop, uav] *= np.exp(louder * rng.normal(size=count))
+    scaled = (kind == 2) & (uav > 0)  # The transmitter keeps its power.
+    shares[starts, stop, uav] *= np.exp(scaled * rng.normal(size=count))
 
     stretches = VISIT_SEARCH.stretch * rng.normal(size=durations.shape)
     durations *= np.exp((kind == 3)[:, None] * stretches)

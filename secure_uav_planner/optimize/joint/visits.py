@@ -39,34 +39,34 @@ class Visits(NamedTuple):
         return np.cumsum(self.durations, axis=1)
 
     def take(self, index: Any) -> 'Visits':
-        """Return some of the starts, or other orders of visits, by an index of the arrays."""
+        """Return Visits with every array indexed by `index`: some starts, or reordered visits."""
         return Visits(*(values[index] for values in self))
 
 
 def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
                 rng: np.random.Generator) -> Visits:
     """
-    Return random starts that visit the V ground nodes once each, all in one order.
+    Return C = `count` random starts that visit the V ground nodes once each, all in one order.
 
-    A visit lasts longer for a node with a large weight and a small best rate. Each start draws one
-    in VISITS.drawn of the sampled configurations (all places and powers of one visit). For each
-    visit _choose_sequence chooses one of the VISITS.kept best configurations drawn.
+    A visit lasts longer for a node with a large weight and a small best rate. All starts share the
+    configurations (all places and powers of one visit) of _sample_configurations. A start draws
+    each with probability 1 / VISITS.drawn. Among the VISITS.kept best drawn configurations of each
+    visit _choose_sequence chooses one.
 
     :param order: indices of the V ground nodes in the order of the visits.
-    :param count: number C of starts.
     :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
     weights = scenario.node_weights[order]
-    needs = np.full(len(order), 1 / len(order))
+    expected = np.full(len(order), 1 / len(order))  # Durations in shares of the flight, (V,).
     for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
-        middles = (np.cumsum(needs) - needs / 2) * scenario.times[-1]
+        middles = (np.cumsum(expected) - expected / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, middles, powers, rng)
         pool_rates = pool[2]
         rates = pool_rates.max(axis=1)
-        durations = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
-        needs = VISITS.equal / len(order) + (1 - VISITS.equal) * durations / durations.sum()
+        needs = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
+        expected = VISITS.equal / len(order) + (1 - VISITS.equal) * needs / needs.sum()
     visit = np.arange(len(order))
-    durations = needs * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
+    durations = expected * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
     all_ends = np.cumsum(durations / durations.sum(axis=1, keepdims=True), axis=1)
     places, shares = [], []
     for ends in all_ends:
@@ -84,7 +84,7 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
 def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
                            rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """
-    Return C = VISITS.samples random configurations, places and powers of all UAVs, of each visit.
+    Return C = VISITS.samples random configurations (places and powers of all UAVs) per visit.
 
     UAV 0, the transmitter, is near the visited node at its largest power. Each jammer is near a
     random eavesdropper or listening ground node, at a random power. Each offset is a normal vector
@@ -122,7 +122,8 @@ def _choose_sequence(scenario: Scenario, places: Array, rates: Array, times: Arr
 
     Dynamic programming maximises the sum of log(rate) over visits minus VISITS.late times the sum
     of [t / (VISITS.flying * T) - 1]^+ over successive visits. T is the time between the middles of
-    both visits, and t the time at max_speed of the UAV that takes longest.
+    both visits, and t the time at max_speed of the UAV that takes longest. A smaller rate is
+    replaced by VISITS.least_rate * the largest rate.
 
     :param places: places of the UAVs in each of C configurations of a visit, (V, C, U, 2) in m.
     :param rates: rate of the visited node, (V, C) in bit/s/Hz.
@@ -148,8 +149,8 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
     Return places (..., U, 2) in m, moved so that UAVs can pass them and still reach their goals.
 
     A place within reach stays. Any other moves towards the UAV's place at the same time on the
-    straight flight from start to goal, until a speed suffices from the start and to the goal. The
-    speed is share * max_speed, but at least the speed of the straight flight.
+    straight flight from start to goal, until a flight at speed v from the start to the place, and
+    on to the goal, is in time. v is share * max_speed, at least the straight flight's speed.
 
     :param times: time at which each place is passed, in s, with a last axis of length 1 or U.
     :param share: allowed speed over max_speed, in a shape that broadcasts with (..., U).
@@ -158,18 +159,18 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
     straight = scenario.starts + (times / total)[..., None] * (scenario.goals - scenario.starts)
     speeds = np.maximum(share * scenario.max_speeds, np.linalg.norm(
         scenario.goals - scenario.starts, axis=-1) / total)
-    offsets, kept = places - straight, np.ones(places.shape[:-1])
+    offsets, scale = places - straight, np.ones(places.shape[:-1])
     for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
-        kept = np.minimum(kept, _find_scale(straight - end, offsets, speeds * time))
-    return straight + kept[..., None] * offsets
+        scale = np.minimum(scale, _find_scale(straight - end, offsets, speeds * time))
+    return straight + scale[..., None] * offsets
 
 
 def _find_scale(vectors: Array, offsets: Array, reach: Array) -> Array:
     """
-    Return the largest scale s (...) with |vector + s offset| <= reach.
+    Return the largest scale s >= 0, (...), with |vector + s offset| <= reach.
 
     :param vectors: vectors (..., 2) that are not longer than reach, (...).
-    :param offsets: offsets (..., 2).
+    :param offsets: offsets (..., 2), for which s is very large if they are 0.
     """
     square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
     half = (vectors * offsets).sum(axis=-1) / square
@@ -178,7 +179,7 @@ def _find_scale(vectors: Array, offsets: Array, reach: Array) -> Array:
 
 
 def _move_towards(points: Array, targets: Array, lengths: Array) -> Array:
-    """Return points (..., 2) moved by at most some lengths (...) towards targets (..., 2)."""
+    """Return points (..., 2) moved towards targets (..., 2), each by at most its length (...)."""
     offsets = targets - points
     scales = np.minimum(1.0, lengths / np.maximum(_measure_lengths(offsets), 1e-9))
     return np.asarray(points + scales[..., None] * offsets)
@@ -186,15 +187,16 @@ def _move_towards(points: Array, targets: Array, lengths: Array) -> Array:
 
 def fly_visits(grid: Grid, visits: Visits) -> Array:
     """
-    Return the flights (C, U, N+2, 2) in m on a grid of C starts that pass the places of visits.
+    Return the flights of C starts through the places of their visits, (C, U, N+2, 2) in m.
 
     A UAV flies at full speed to its place of the present visit and waits there. It leaves when
     half of the way to the next place takes the rest of the visit, and stays in reach of its goal.
-    If any UAV has no time for this even on the straight way, all have the reference flight.
+    Flights are then smoothed by moving averages of points. If a UAV has no time for its straight
+    way to the goal, all flights are the grid's reference_flight.
     """
     scenario, ends = grid.scenario, visits.ends
-    steps = scenario.max_speeds * grid.slot_duration
-    # Moving averages over the moves in which a UAV reaches full speed limit the acceleration.
+    steps = scenario.max_speeds * grid.slot_duration  # Longest moves in a slot [m], (U,).
+    # Averages over the moves in which a UAV reaches full speed limit its acceleration.
     width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
                 for uav in scenario.uavs)
     moves, start = grid.slots + 1 - width, np.arange(len(ends))
@@ -230,6 +232,6 @@ def _measure_lengths(offsets: Array) -> Array:
 
 def log_uniform(rng: np.random.Generator, ends: tuple[float, float],
                 shape: tuple[int, ...]) -> Array:
-    """Return random numbers that are log-uniform between two ends."""
+    """Return log-uniform random numbers from ends[0] to ends[1], of a shape."""
     low, high = np.log(ends).tolist()
     return np.exp(rng.uniform(low, high, shape))

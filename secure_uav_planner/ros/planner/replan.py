@@ -14,7 +14,7 @@ from .solver import Job
 from ..messages import serialize_plan
 from ...errors import InfeasibleMissionError, LateError, SupersededError
 from ...mission.scenario import Scenario
-from ...optimize.rejoin import find_first_point, find_rejoin, Rejoin
+from ...optimize.rejoin import find_last_kept_point, find_rejoin, Rejoin
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.tracking import MeasuredState, PlanClock
@@ -98,7 +98,7 @@ class Remainder(NamedTuple):
         rejoin = self.find_rejoin()
         plan = self.date(rejoin.splice(
             job.solve(rejoin.scenario, self.settings, self.time_limit, rejoin.tail)))
-        begin = (rejoin.first + 1) * plan.scenario.slot_duration  # Time of point first + 1.
+        begin = (rejoin.last_kept + 1) * plan.scenario.slot_duration  # The first new point.
         return Replanned(
             plan, rejoin, begin, serialize_plan(plan, self.settings.frame_id, begin))
 
@@ -269,8 +269,8 @@ class Replanning:
 
     def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
         """Return the index of the last point of the path that is kept by a replan begun now."""
-        return find_first_point(flight.playback.plan.scenario,
-                                flight.time + settings.replan_lead * flight.time_scale)
+        return find_last_kept_point(flight.playback.plan.scenario,
+                                    flight.time + settings.replan_lead * flight.time_scale)
 
     def _update_receivers(self, flight: Flight, settings: PlannerSettings, now: float
                           ) -> tuple[Scenario, Receivers]:
