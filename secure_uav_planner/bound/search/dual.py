@@ -109,7 +109,8 @@ class Dual:
         self.columns, self.silent = columns, silent
         self.count = team.groups.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
-        # The weight of each edge: a number of slots, and one more at the start.
+        # Weight of each edge: the sum of its weights in all slots, see SlotGroups.means, plus 1 at
+        # the start for the first move.
         before, after = team.groups.means
         self.edge_weights = np.zeros(len(self.count) + 1)
         self.edge_weights[:-1] += self.count * before
@@ -224,8 +225,9 @@ class Dual:
 
     def _differentiate_groups(self, branches: BranchTerms) -> tuple[Array, Array]:
         """
-        Return gradient (G, F) and Hessian (G, F, F) of the groups' smoothed maxima, times slots.
+        Return gradient (G, F) and Hessian (G, F, F) of n times a group's smoothed maximum.
 
+        n is the group's number of slots. The maximum is over the branches of a slot.
         With the shares r of the branches, and gradient g and Hessian H of each branch, the
         gradient is m = sum of r g, and the Hessian is sum of r (H + g g' / tau) - m m' / tau.
         """
@@ -275,7 +277,7 @@ class Dual:
     def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
                                hessian: Array) -> None:
         """
-        Add the derivatives of _find_sending to a gradient (G, F) and a Hessian (G, F, F).
+        Write the derivatives of _find_sending into a gradient (G, F) and a Hessian (G, F, F).
 
         With the best power p, and t the sum of v of a place's adversary, they are
 
@@ -342,7 +344,7 @@ class BranchTerms:
 
 
 def _soften(values: Array, tau: float) -> tuple[Array, Array]:
-    """Return tau log sum exp(values / tau) over the rows (B, G), (G,), and the rows' shares."""
+    """Return tau log sum exp(values / tau) over B, (G,), and the shares, (B, G) as `values`."""
     top = values.max(0)
     shares = np.exp((values - top) / tau)
     total = shares.sum(0)

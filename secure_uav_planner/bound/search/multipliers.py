@@ -136,14 +136,18 @@ class MultiplierSearch:
         return values
 
     def build_dual(self, tau: float) -> Dual:
-        """Add a round of columns, and return the dual function on the pools' latest columns."""
+        """Add a round of columns; return the dual function at `tau` [nats] on the latest ones."""
         self._add_round()
         columns = [[self._restrict(cell, uav, pool.latest) for uav, pool in enumerate(pools)]
                    for cell, pools in enumerate(self.pools)]
         return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
 
     def _add_round(self) -> None:
-        """Add a round to every pool, and the best silent places to the pools of the first cell."""
+        """
+        Add a round to every pool, and the best silent places to the pools of the first cell.
+
+        A thorough search also adds to every pool the best column of branch and bound.
+        """
         for cell, pools in enumerate(self.pools):
             for uav, pool in enumerate(pools):
                 pool.add_round(partial(self._evaluate_in_cell, cell, uav))
@@ -172,10 +176,10 @@ class MultiplierSearch:
     def find_better(self, uav: int, cells: Cells, weight: Array, v: Array,
                     incumbents: Array) -> Columns:
         """
-        Return a better column of a UAV for every function, (M, 1), by branch and bound.
+        Return for every function the best column that branch and bound finds, (M, 1).
 
-        A function is the value of the UAV's columns at one w0 and v, over one cell. If no column
-        is better than the function's incumbent, its column is worth -WORTHLESS.
+        A function is the value of the UAV's columns at one w0 and v, over one cell. The column's
+        `ground` is -WORTHLESS if PRICING_BUDGET boxes show no column above the incumbent.
 
         :param cells: C cells of the last UAV; function m is over cell m modulo C, or for another
             UAV over the reachable set of this cell's group.
@@ -247,6 +251,7 @@ class MultiplierSearch:
         dual = self.build_dual(tau)
         for _ in range(iterations):
             self.raise_if_over()
+            # The steps end when the slope along one is nearly 0.
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
                 break
 
@@ -308,6 +313,7 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
     At the places and powers of the plan, w0 = phi'(z0), at least 0.3. The transmitter's price is
     the median over groups of (phi'(z0) - phi'(y)) / power, with y the log SINR of all adversaries.
+    A jammer's price is JAMMER_PRICE.
     The sum of v is the smaller one of phi'(y) and w0 - price power, at least LEAST_LEAK.
     v_e is in proportion to the weight of place e by _find_place_shares, larger for louder places.
     Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
