@@ -212,9 +212,9 @@ public:
     }
 
 private:
-    // Fill the expansions in a box of the log gain of the transmitter's link to the ground node,
-    // and of minus the log gains of the transmitter's links to the eavesdroppers. `rho` is half the
-    // diagonal of the box.
+    // Fill the transmitter's expansions in a box: parts[0] is the log gain of the link to the
+    // ground node, parts[e + 1] minus the log gain of the link to eavesdropper e. `rho` is half
+    // the diagonal of the box.
     void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
         const double square = links_->altitude * links_->altitude;
         const double da = box.centre[0] - links_->ground[0];

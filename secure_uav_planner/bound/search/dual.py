@@ -123,14 +123,14 @@ class Dual:
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function: N times an estimate of the bound, in nats."""
-        return self._add_up(point, self._find_branches(point).value, self._find_edges(point))
+        return self._add_up(point, self._compute_branches(point).value, self._compute_edges(point))
 
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
         """Return the dual function [nats], and its gradient and Hessian as an ArrowSystem."""
-        branches = self._find_branches(point, differentiate=True)
+        branches = self._compute_branches(point, differentiate=True)
         gradient, hessian = self._differentiate_groups(branches)
         self._add_v_barriers(point, gradient, hessian)
-        edges, slots, prices = self._find_edges(point), self.count.sum(), point.prices
+        edges, slots, prices = self._compute_edges(point), self.count.sum(), point.prices
         return self._add_up(point, branches.value, edges), ArrowSystem(
             point.layout, point.group_layout, gradient, hessian, *edges.flatten(),
             slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
@@ -138,7 +138,7 @@ class Dual:
 
     def find_worst_cell(self, point: DualPoint) -> NDArray[np.intp]:
         """Return the index of the cell with the largest value in every group, (G,)."""
-        return np.asarray(self._find_branches(point).value[:-1].argmax(0))
+        return np.asarray(self._compute_branches(point).value[:-1].argmax(0))
 
     def _add_up(self, point: DualPoint, branches: Array, edges: EdgeTerms) -> float:
         """
@@ -177,7 +177,7 @@ class Dual:
         first, size = point.group_layout.v.start, point.v.shape[-1]
         return slice(first + cell * size, first + (cell + 1) * size)
 
-    def _find_edges(self, point: DualPoint) -> EdgeTerms:
+    def _compute_edges(self, point: DualPoint) -> EdgeTerms:
         """Return the edges' terms: first move, acceleration, -W_N(goal), eigenvalues of S."""
         layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
         for uav, region in enumerate(self.team.regions):
@@ -238,7 +238,7 @@ class Dual:
         hessian = hessian - _square(mean) / self.tau
         return mean * self.count[:, None], _scale(self.count, hessian)
 
-    def _find_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
+    def _compute_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
         """
         Return the branches: one for each cell, in which the transmitter sends, and silence.
 
@@ -249,7 +249,7 @@ class Dual:
         silence = len(self.columns)
         for cell, parts in enumerate(self.columns):
             v, own = point.v[:, cell], self._select_v(point, cell)
-            terms.value[cell] = self._find_sending(v, point.prices[0])
+            terms.value[cell] = self._compute_sending(v, point.prices[0])
             if differentiate:
                 self._differentiate_sending(v, point.prices[0], own, terms.gradient[cell],
                                             terms.hessian[cell])
@@ -263,7 +263,7 @@ class Dual:
                     self.team, uav, point, columns, self.weight, point.v[:, cell], self.tau))
         return terms
 
-    def _find_sending(self, v: Array, price: float) -> Array:
+    def _compute_sending(self, v: Array, price: float) -> Array:
         """
         Return H(w0) - H(v) + max over p of (w0 - s) log p - lam p, (G,) in nats; lemmas 1 and 3.
 
@@ -277,7 +277,7 @@ class Dual:
     def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
                                hessian: Array) -> None:
         """
-        Write the derivatives of _find_sending into a gradient (G, F) and a Hessian (G, F, F).
+        Write the derivatives of _compute_sending into a gradient (G, F) and a Hessian (G, F, F).
 
         With the best power p, and t the sum of v of a place's adversary, they are
 

@@ -197,7 +197,7 @@ class MultiplierSearch:
                       find_power_range(self.team, uav) if uav else None)
         # Place and log power of each function's best point; NaN if none beats its incumbent.
         points = np.full((len(weight), 3), np.nan)
-        terms.bound_maxima(incumbents + _find_constant(potential)[group], self._ask_to_go_on,
+        terms.bound_maxima(incumbents + _compute_constant(potential)[group], self._ask_to_go_on,
                            PRICING_BUDGET, points)
         is_better = np.isfinite(points[:, :1])
         place = np.where(is_better, points[:, :2], region.bounding_box[0][group])
@@ -284,7 +284,7 @@ class MultiplierSearch:
         return 0.0
 
 
-def _find_constant(potential: Potential) -> Array:
+def _compute_constant(potential: Potential) -> Array:
     """Return A |w|, plus the curvature's cost if quadratic: what columns leave out, (G,)."""
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
@@ -313,9 +313,9 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
     At the places and powers of the plan, w0 = phi'(z0), at least 0.3. The transmitter's price is
     the median over groups of (phi'(z0) - phi'(y)) / power, with y the log SINR of all adversaries.
-    A jammer's price is JAMMER_PRICE.
-    The sum of v is the smaller one of phi'(y) and w0 - price power, at least LEAST_LEAK.
-    v_e is in proportion to the weight of place e by _find_place_shares, larger for louder places.
+    A jammer's price is JAMMER_PRICE. The sum of v is the smaller one of phi'(y) and w0 - price
+    power, at least LEAST_LEAK. v_e is in proportion to the weight of place e, which
+    _compute_place_shares makes larger for louder places.
     Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
     above the plan instead of 0.1%.
 
@@ -338,11 +338,11 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
     slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
     total = np.clip(np.minimum(leak, weight - slack), LEAST_LEAK, weight * (1 - 1e-7))
-    share = _find_place_shares(team, ze, largest)
+    share = _compute_place_shares(team, ze, largest)
     return weight, (total / share.sum(-1))[:, None] * share, prices
 
 
-def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
+def _compute_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
     Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
 
@@ -383,7 +383,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
         _add_better_columns(bounds, search, cells, weights, v, incumbents)
         v, incumbents, _ = bounds.minimise(weights, cells, v / weights[..., None])
     potentials = tuple(map(search.potential, range(len(search.team.regions))))
-    constant = np.array(list(map(_find_constant, potentials)))[:, cells.group]
+    constant = np.array(list(map(_compute_constant, potentials)))[:, cells.group]
     return Multipliers(
         potentials, search.point.prices, cells, weights, v,
         constant + _find_silent_maxima(search, cells), incumbents + constant[:, None])
