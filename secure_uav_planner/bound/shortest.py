@@ -140,7 +140,7 @@ class _Search:
                        status=self.best.status if status == 'converged' else status)
 
     def _narrow(self) -> Status:
-        """Narrow the bracket of durations; then try to prove that 1 s less than the best fails."""
+        """Narrow the bracket of durations; then try to prove that one shorter by 1 s fails."""
         best, low, delivered = self._bracket()
         # The next duration interpolates the bits of both ends. It is the middle if the lower end
         # is 0 or cannot be flown.

@@ -58,7 +58,7 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
 
 
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
-    """Write the poses of the receivers, the plan and its status to a bag."""
+    """Write the receivers' poses, at every point if they have tracks, the plan and its status."""
     scenario = plan.scenario
     times = plan.times.tolist() if scenario.has_tracks else [0.0]
     grounds, centres, _ = scenario.receivers_at(times)

@@ -160,6 +160,7 @@ def certify(team: Team, multipliers: Multipliers,
     potentials, cells = multipliers.potentials, multipliers.cells
     prices = np.maximum(multipliers.prices, 0.0)
     weights, v = _make_valid(multipliers)
+    # Bounds of the sum of the UAVs' terms: in silence, (C,), and at every breakpoint, (K, C).
     silent, joint = np.zeros(len(cells.group)), np.zeros(weights.shape)
     for i, potential in enumerate(potentials):
         # Only the last UAV is restricted to cells, see lemma 10.

@@ -80,7 +80,7 @@ class EdgeTerms:
         self.value += float(factor @ norm)
 
     def add_eigenvalues(self, uav: int, part: slice, factor: Array) -> None:
-        """Add factor times the smoothed max(0, largest eigenvalue of S), at every edge."""
+        """Add factor (G + 1,) times the smoothed max(0, largest eigenvalue of S), the `part`."""
         largest, slope, second = _smooth_largest_eigenvalue(self._x[:, uav, part])
         self.value += float(factor @ largest)
         self.gradient[:, uav, part] += _scale(factor, slope)

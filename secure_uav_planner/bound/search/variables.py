@@ -99,7 +99,7 @@ class DualPoint:
 
     @property
     def group_layout(self) -> GroupLayout:
-        """Return the layout of a group's unknowns."""
+        """Return the slices of a group's unknowns: potentials before, v, potentials after, lam."""
         potentials = self.potentials[0].size
         return GroupLayout(*_lay_out(
             potentials, self.v[0].size, potentials, len(self.prices)))
