@@ -172,7 +172,7 @@ def explain_refusal(scenario: Scenario) -> str:
 
 def compute_plain_bound(scenario: Scenario) -> float:
     """
-    Return a bound that needs no search, in bit/s/Hz.
+    Return a bound [bit/s/Hz] of the mean rate that needs no search.
 
     It is log2(1 + g p / H^2) at the average power p, with the transmitter above the ground node,
     the SNR g per W at 1 m, and no eavesdropper. It holds for every plan: the rate is concave in

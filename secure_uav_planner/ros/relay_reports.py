@@ -114,7 +114,7 @@ class RelayReports:
 
     def problem(self, uav: str, is_under_way: bool) -> str:
         """
-        Return in words what keeps setpoints from a UAV, or an empty string.
+        Return in words what keeps setpoints from a UAV; empty if nothing does or is reported.
 
         :param is_under_way: True for a flight that is flying or held, in which every state except
             'passing' is a problem. If False, only 'holding' and 'refused' are problems.

@@ -236,22 +236,22 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     inner = solid.buffer(-10 * GRID)
     shapely.prepare(inner)
     edges = np.array(np.triu_indices(len(places), 1))
-    seen = ~shapely.intersects(inner, draw_edges(places, edges))
-    paths = measure_paths(places, edges[:, seen], [0, 1])
+    is_free = ~shapely.intersects(inner, draw_edges(places, edges))
+    paths = measure_paths(places, edges[:, is_free], [0, 1])  # (2, K) in m.
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
     lengths = np.full((2, len(cells)), np.inf)
-    # For each end or corner: the cells that it sees, reached by its path and then straight.
+    # A path to a cell goes to an end or corner from which the cell is seen, and then straight.
     for place, path in zip(places, paths.T):
         lit = frame.difference(shapely.union_all(
             [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
                 -10 * GRID))
         shapely.prepare(lit)
         seen = np.flatnonzero(shapely.intersects(lit, cells))
-        lengths[:, seen] = np.minimum(
-            lengths[:, seen], path[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
+        straight = shapely.distance(shapely.Point(place), cells[seen])
+        lengths[:, seen] = np.minimum(lengths[:, seen], path[:, None] + straight)
     return lengths
 
 

@@ -161,7 +161,8 @@ def sample_powers(region: ReachableSet, power: Array) -> Array:
     """
     Return 13 powers of a jammer for every group, (G, 13) in W.
 
-    They are 0, seven powers around a plan's powers, and five powers up to the peak.
+    They are 0, seven powers from e^-1.2 to e^1.2 times the plan's power, and five powers from
+    1e-4 times the peak to the peak. None exceeds the peak.
 
     :param power: jamming powers of the plan, (G,) in W.
     """

@@ -144,9 +144,9 @@ class Dual:
         """
         Return the dual function [nats], N times an estimate of the bound.
 
-        With n slots in a group it is the sum over groups of n tau log sum exp(branch / tau), plus
-        N lam . (average powers), plus the edges' terms, minus n times the weighted logs of v and
-        slack, minus N times the weighted log of lam.
+        It is the sum over groups of n slots of n (tau log sum exp(branch / tau) - barriers), plus
+        N (lam . average powers - barrier), plus the edges' terms. A barrier is a weight times the
+        sum of log v, of log slack or of log lam.
 
         :param branches: value of every branch, (B + 1, G) in nats.
         """
@@ -344,7 +344,7 @@ class BranchTerms:
 
 
 def _soften(values: Array, tau: float) -> tuple[Array, Array]:
-    """Return tau log sum exp(values / tau) over B, (G,), and the shares, (B, G) as `values`."""
+    """Return tau log sum exp(values / tau) over rows, (G,), and each row's shares, (B, G)."""
     top = values.max(0)
     shares = np.exp((values - top) / tau)
     total = shares.sum(0)
