@@ -167,7 +167,7 @@ class MultiplierSearch:
                              self.point.v[:, cell])
 
     def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
-        """Return columns with `ground` -WORTHLESS at places of the last UAV outside a cell."""
+        """Return columns; the last UAV's outside a cell, of several, get `ground` -WORTHLESS."""
         if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
             return columns
         inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
@@ -261,7 +261,8 @@ class MultiplierSearch:
 
         A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
         0.3 and 0.1 are tried, then ten times the damping of ArrowSystem.solve, up to MAX_DAMPING.
-        The next step begins with the accepted damping, times 0.1 after length 1.
+        A Hessian that is not positive definite takes 100 times the damping. The next step begins
+        with the accepted damping, times 0.1 after length 1, or with 1 if none was accepted.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -272,7 +273,7 @@ class MultiplierSearch:
                 continue
             step = step.shorten(self.point, dual.slack(self.point.v))
             slope = min(system.slope(step), 0.0)
-            # A full step lowers the damping, shorter steps keep it, and no step raises it.
+            # Length 1 lowers the damping, shorter ones keep it; it rises if none is accepted.
             for length, factor in ((1.0, 0.1), (0.3, 1.0), (0.1, 1.0)):
                 trial = self.point.move(step, length)
                 if dual.value(trial) < value + 0.1 * length * slope:
