@@ -172,7 +172,7 @@ def explain_refusal(scenario: Scenario) -> str:
 
 def compute_plain_bound(scenario: Scenario) -> float:
     """
-    Return a bound that needs no search, in bit/s/Hz.
+    Return a bound [bit/s/Hz] of the mean rate that needs no search.
 
     It is log2(1 + g p / H^2) at the average power p, with the transmitter above the ground node,
     the SNR g per W at 1 m, and no eavesdropper. It holds for every plan: the rate is concave in
@@ -185,7 +185,7 @@ def compute_plain_bound(scenario: Scenario) -> float:
 
 
 def list_ignored_limits(detours: DetourSearch) -> tuple[str, ...]:
-    """Return the names of a scenario's limits that the bound does not use."""
+    """Return the names of the limits that a scenario has and the bound does not use."""
     # Obstacles with more than MOST_CORNERS corners at a UAV's altitude are not used.
     names = ('separation',) if detours.is_complete else (
         'separation', 'no_fly_zones', 'geofence')
@@ -208,19 +208,20 @@ class _BestBound:
 
     def reserve_time(self, ratio: float) -> DeadlineCheck:
         """
-        Return a `raise_if_over` that ends a search while time for its certificate is left.
+        Return a check that raises a TimeLimitError when only the next certificate's time is left.
 
-        :param ratio: expected time of this certificate over the time of the last certificate.
+        :param ratio: expected time of the next certificate over the time of the last one.
         """
         return partial(self.deadline.raise_if_over, ratio * self._proving)
 
     @contextmanager
     def proving(self, search: MultiplierSearch) -> Iterator[None]:
-        """Run the with statement, a search; prove a bound even if TimeLimitError ended it."""
+        """Run the with statement, a search; prove a bound, even if the reserved time ended it."""
         try:
             yield
         except TimeLimitError:
             self.status = 'time_limit'
+        # If the whole time is over, the error is raised again and nothing is proven.
         self.deadline.raise_if_over()
         before = self.deadline.elapsed
         search.raise_if_over = self.deadline.raise_if_over
@@ -293,7 +294,7 @@ def _select_eavesdroppers(scenario: Scenario, objective: str, positions: Array, 
 
 
 def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: bool) -> None:
-    """Search with linear potentials, then, if `quadratic`, with quadratic ones; prove a bound."""
+    """Search with linear potentials (FINE), then QUADRATIC or LINEAR ones, and prove a bound."""
     fine.raise_if_over()
     with best.proving(fine):
         _anneal(fine, FINE)
@@ -304,7 +305,7 @@ def _prove_on_fine_groups(best: _BestBound, fine: MultiplierSearch, quadratic: b
 
 def _prove_with_cells(best: _BestBound, search: MultiplierSearch, rate: float) -> None:
     """
-    Add CUTS cells to every group, search on, and prove a bound; up to two such passes.
+    Add CUTS cells to every group, search thoroughly, and prove a bound; up to two such passes.
 
     The first pass needs a gap (bound / rate - 1) above SMALL_GAP, the second one above WIDE_GAP.
     The second is left out if the first kept more than the share STUCK of the gap.

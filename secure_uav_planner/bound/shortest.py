@@ -141,9 +141,10 @@ class _Search:
                        status=self.best.status if status == 'converged' else status)
 
     def _narrow(self) -> Status:
-        """Narrow the bracket of durations; then try to prove that 1 s less than the best fails."""
+        """Narrow the bracket of durations; then try to prove that one shorter by 1 s fails."""
         best, low, delivered = self._bracket()
-        # The bits are interpolated between both ends, unless the lower one cannot be flown.
+        # The next duration interpolates the bits of both ends. It is the middle if the lower end
+        # is 0 or cannot be flown.
         while (high := best.scenario.duration) - low > self._accuracy * (1 + 1e-6):
             share = 0.5 if delivered is None else (
                 (self._bits - delivered) / (_count_bits(best) - delivered))
@@ -208,6 +209,7 @@ class _Search:
 
     def _change_duration(self, duration: float) -> Scenario:
         """Return the scenario with another duration [s], in slots of about the same length."""
+        # If the slots' length must not change at all, the duration is rounded.
         step = self._scenario.slot_duration
         slots = max(1, round(duration / step))
         return replace(self._scenario, slots=slots,

@@ -221,7 +221,7 @@ def import_messages(parameter: str, value: str, source: Stack | ReferenceSource,
     Return the classes of the messages with names `kinds`, in this order.
 
     :param source: stack or reference, which says how to get the messages' package.
-    :raises ParameterError: if that is missing; `parameter` and its `value` need it.
+    :raises ParameterError: if the package is missing; `parameter` = `value` needs the package.
     """
     try:
         return [message_class(kind) for kind in kinds]
@@ -326,7 +326,7 @@ def serialize_plan(plan: Plan, frame_id: str, time: float = 0.0) -> dict[str, by
 
 def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
                       ) -> Iterator[tuple[str, Any]]:
-    """Yield (topic, message) of each UAV's setpoints, of the markers and of the served node."""
+    """Yield (topic, message): each UAV's setpoints and odometry, markers, ground node served."""
     spheres = []
     for index, (uav, (x, y), yaw, velocity, acceleration, watts) in enumerate(zip(
             scenario.uavs, moment.positions, moment.headings, moment.velocities,

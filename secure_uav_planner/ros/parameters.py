@@ -151,7 +151,8 @@ def _read_spec(row: Mapping[str, Any], owners: Mapping[str, Any]) -> Spec:
     """
     Return the Spec of a row of the table; a `field` gives the default and the limits.
 
-    :param row: keys of Spec, or `field` such as 'Uav.altitude' and `none`, the value for None.
+    :param row: keys of Spec, or `field` such as 'Uav.altitude' and `none`, the parameter's value
+        for the field's None, which the limits then include.
     :param owners: an object of each class, such as 'Uav', whose field values are the defaults.
     """
     values: dict[str, Any] = {

@@ -39,7 +39,7 @@ _QOS = """- history: keep_last
 def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
            frequency: float = 5.0) -> None:
     """
-    Write an MCAP file of what the planner and the replay publish for a plan, in real time.
+    Write an MCAP file of what planner and replay publish for a plan at playback speed 1.
 
     :param plan: a Plan; without a start time it starts at 0.
     :param frequency: frequency of the setpoints [Hz] in the plan's time.
@@ -58,7 +58,7 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
 
 
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
-    """Write the poses of the receivers, the plan and its status to a bag."""
+    """Write the receivers' poses, at every point if they have tracks, the plan and its status."""
     scenario = plan.scenario
     times = plan.times.tolist() if scenario.has_tracks else [0.0]
     grounds, centres, _ = scenario.receivers_at(times)
@@ -83,7 +83,7 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write setpoints at `frequency` [Hz], and the rate for each slot's worst eavesdropper."""
+    """Write setpoints, and the rate for each slot's worst-case place, at `frequency` [Hz]."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)  # (N, 2) in m
     times = np.arange(0.0, playback.duration, 1.0 / frequency)
@@ -136,7 +136,7 @@ class _Bag:
 
 
 def _definition(name: str) -> str:
-    """Return the .msg text of a type such as nav_msgs/msg/Path, then each nested type's text."""
+    """Return the .msg text of a type such as nav_msgs/msg/Path, with each nested type's text."""
     texts: dict[str, str] = {}
     queue = [name.replace('/msg/', '/')]
     while queue:

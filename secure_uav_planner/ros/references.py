@@ -44,7 +44,7 @@ class LocalFrames:
             self._subscribe(node, name, vehicle, current().uavs[name].reference)
 
     def _subscribe(self, node: Node, name: str, vehicle: str, reference: str) -> None:
-        """Subscribe to the origin of a UAV's frame, if `reference` names a kind of autopilot."""
+        """Subscribe to the origin of a UAV's local frame, unless `reference` is 'none'."""
         source = REFERENCES.get(reference)
         if source is None:
             return
@@ -97,7 +97,11 @@ class LocalFrames:
         return f'the local frame of {name} is not known: {self._unknown[name]}'
 
     def _on_message(self, name: str, read: Callable[[Any], Reference], message: Any) -> None:
-        """Use the reference of a local frame and log its change; a bad one makes it unknown."""
+        """
+        Take the origin of a local frame from a message; log a change and call on_change.
+
+        A message that cannot be read, or is far from the mission, makes the frame unknown.
+        """
         try:
             reference = read(message)
             if reference == self._references.get(name) and name not in self._unknown:

@@ -92,7 +92,7 @@ class RelayReports:
         self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
-        """Keep a report from a topic `<uav>/relay`; return True if its state has another name."""
+        """Keep a report from `<uav>/relay`; return True if it is the first or a new state."""
         state, uav = read_relay_state(message), topic.partition('/')[0]
         if state is None:
             return False
@@ -101,7 +101,7 @@ class RelayReports:
         return before is None or before.name != state.name
 
     def state(self, uav: str) -> RelayState | None:
-        """Return the present state of a UAV's relay; None if no relay has ever reported."""
+        """Return a UAV's last state, or 'lost' if it is old; None if no relay ever reported."""
         if uav not in self._last:
             return None
         state, arrival = self._last[uav]
@@ -114,7 +114,7 @@ class RelayReports:
 
     def problem(self, uav: str, is_under_way: bool) -> str:
         """
-        Return in words what keeps setpoints from a UAV, or an empty string.
+        Return in words what keeps setpoints from a UAV; empty if nothing does or is reported.
 
         :param is_under_way: True for a flight that is flying or held, in which every state except
             'passing' is a problem. If False, only 'holding' and 'refused' are problems.

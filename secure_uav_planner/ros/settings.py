@@ -146,7 +146,7 @@ class FrameSettings(Protocol):
 
 
 def check_references(values: Mapping[str, Any]) -> None:
-    """Raise an error for a `<uav>.reference` without a matching origin, or with an x or y."""
+    """Raise a ParameterError if an origin does not fit a `<uav>.reference`."""
     origin = origin_from(values)
     for name in values['uavs']:
         reference, place = values[f'{name}.reference'], values[f'{name}.origin']

@@ -147,7 +147,7 @@ Answer: TypeAlias = tuple[bool, str]
 
 def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
                ) -> dict[str, Publisher]:
-    """Return the publishers by topic name; a topic of `<uav>` has one publisher for each UAV."""
+    """Create the publishers, by topic name; a topic of `<uav>` has one for each UAV."""
     return {name: node.create_publisher(
         topic.kind, name, topic.qos, qos_overriding_options=OVERRIDABLE)
         for name, topic in _named(topics, {'<uav>': uavs})}
@@ -190,7 +190,7 @@ def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Ans
 
 async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]], request: Any,
                   response: Any) -> Any:
-    """Fill the response of a service from an action, or from the error that it raises."""
+    """Return the response of a service, filled from an action or from the error it raises."""
     try:
         result = action(*(getattr(request, field)
                           for field in request.get_fields_and_field_types()))

@@ -77,10 +77,11 @@ private:
         std::size_t begin, end;
     };
 
-    // Bound the functions that need a box, unless it misses the reachable set. Functions whose
-    // bound exceeds `enough` need both halves of the box; the box is cut for the one whose bound
-    // exceeds `enough` most. A function that has spent its budget of boxes keeps its bound over
-    // the parent box if that is finite, and otherwise its bound over this box.
+    // Bound the functions that need a box, unless it misses the reachable set. A function whose
+    // bound exceeds `enough`, incumbent plus tolerance, needs both halves of the box; the box is
+    // cut for the function whose bound exceeds `enough` most. A function that has spent its budget
+    // of boxes keeps its bound over the parent box if that is finite, and otherwise its bound over
+    // this box.
     void visit(Node& node) {
         Box& box = node.box;
         terms_.expand(cell_, box, parts_.data());

@@ -21,8 +21,8 @@ constexpr std::size_t MOST_ENTRIES = 14;  // Largest number of potentials at bot
 class Columns {
 public:
     // Read the arguments. A potential has width_ numbers: u (2), S (3) if quadratic, w (2) if a
-    // UAV has a limit of acceleration. An unknown's index is below features_: v, both edges'
-    // potentials, price.
+    // UAV has a limit of acceleration. The features_ unknowns of a group are v, the potentials at
+    // the edge before and at the edge after the group, and the price, in this order.
     explicit Columns(const py::dict& args)
         : groups_(count_entries(args, "count")),
           columns_(count_entries(args, "ground") / std::max<std::size_t>(groups_, 1)),
@@ -42,8 +42,8 @@ public:
         kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
     }
 
-    // Evaluate all columns group by group, and call `visit` after each group with the group and the
-    // index of its best column.
+    // Group by group, fill values_ (C) with the values of the group's columns [nats], and call
+    // visit(g, best) with the index of the group and the index of its best column.
     template <typename Visit>
     void evaluate(const Visit& visit) {
         values_.resize(columns_);
@@ -52,7 +52,7 @@ public:
             const double length = quadratic_ ? 0.0 : sum_lengths(g, 0, nullptr);
             std::size_t best = 0;
             for (std::size_t c = 0; c < columns_; ++c) {
-                values_[c] = find_value(g, c, quadratic_ ? sum_lengths(g, c, nullptr) : length);
+                values_[c] = compute_value(g, c, quadratic_ ? sum_lengths(g, c, nullptr) : length);
                 if (values_[c] > values_[best]) best = c;
             }
             visit(g, best);
@@ -64,7 +64,7 @@ public:
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return values_; }
 
-    // Find tau log sum exp(value / tau) over the columns of group g, whose values `evaluate` has
+    // Return tau log sum exp(value / tau) over the columns of group g, whose values `evaluate` has
     // just filled, and replace each value in values_ by its weight exp((value - largest) / tau).
     // `best` is the index of the largest value. Unless `slope` is null, fill the slope (F) and the
     // Hessian (F, F) by the group's unknowns: v, the potentials at both edges, and the price.
@@ -93,7 +93,7 @@ private:
         for (std::size_t c = 0; c < columns_; ++c) {
             const double share = values_[c] / total;
             if (share < NEGLIGIBLE) continue;
-            find_slope(g, c);
+            fill_row(g, c);
             if (quadratic_) add_lengths(g, c, share, hessian);
             for (std::size_t i = 0; i < f; ++i) slope[i] += share * row_[i];
             add_square(hessian, share / tau_, row_.data(), 0, f);
@@ -109,13 +109,14 @@ private:
             for (std::size_t j = 0; j < i; ++j) hessian[j * f + i] = hessian[i * f + j];
     }
 
-    // Fill row_ (F) with the derivatives of column c's value, without lengths, by the unknowns.
-    void find_slope(std::size_t g, std::size_t c) {
+    // Fill row_ (F) with the derivatives of column c's value by v, the potentials before and after
+    // group g, and the price. The lengths of sum_lengths are left out; add_lengths adds them.
+    void fill_row(std::size_t g, std::size_t c) {
         const std::size_t e = eavesdroppers_, column = g * columns_ + c;
         std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
         std::fill(row_.begin() + e, row_.end(), 0.0);
         double phi[5];
-        find_monomials(&place_[2 * column], phi);
+        fill_monomials(&place_[2 * column], phi);
         for (std::size_t i = 0; i < base_; ++i) {
             row_[e + i] -= phi[i] / count_[g];
             row_[e + width_ + i] += phi[i] / count_[g];
@@ -131,28 +132,28 @@ private:
 
     const double* potential(std::size_t edge) const { return &potentials_[edge * width_]; }
     // Fill (x, y, x^2 / 2, x y, y^2 / 2), by which u and S enter u . q + q . S q / 2.
-    static void find_monomials(const double* q, double* phi) {
+    static void fill_monomials(const double* q, double* phi) {
         const double x = q[0], y = q[1], all[5] = {x, y, x * x / 2, x * y, y * y / 2};
         std::copy(all, all + 5, phi);
     }
 
-    // Find the value [nats] of column c of group g: find_change + lengths + w0 ground + v . leaks,
+    // The value [nats] of column c of group g: compute_change + lengths + w0 ground + v . leaks,
     // where `lengths` is sum_lengths(g, c).
-    double find_value(std::size_t g, std::size_t c, double lengths) const {
+    double compute_value(std::size_t g, std::size_t c, double lengths) const {
         const std::size_t column = g * columns_ + c;
-        double value = find_change(g, c) + lengths + w0_[g] * ground_[column];
+        double value = compute_change(g, c) + lengths + w0_[g] * ground_[column];
         for (std::size_t i = 0; i < eavesdroppers_; ++i)
             value += v_[g * eavesdroppers_ + i] * leaks_[column * eavesdroppers_ + i];
         return value;
     }
 
-    // Find (W_after(q) - W_before(q)) / count - price p for the place q and power p of column c.
-    // W are the potentials at the edges of group g, which has `count` slots.
-    double find_change(std::size_t g, std::size_t c) const {
+    // (W_after(q) - W_before(q)) / count - price p for the place q and power p of column c. W are
+    // the potentials u . q + q . S q / 2 at the edges of group g, which has `count` slots.
+    double compute_change(std::size_t g, std::size_t c) const {
         const std::size_t column = g * columns_ + c;
         const double *before = potential(g), *after = potential(g + 1);
         double sum = 0.0, phi[5];
-        find_monomials(&place_[2 * column], phi);
+        fill_monomials(&place_[2 * column], phi);
         for (std::size_t i = 0; i < base_; ++i) sum += phi[i] * (after[i] - before[i]);
         return sum / count_[g] - price_ * power_[column];
     }

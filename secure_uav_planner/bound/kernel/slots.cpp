@@ -36,7 +36,7 @@ constexpr double MOST_OF_WAY = 0.95; // Largest part of the way to the bounds of
 constexpr std::size_t JOINING = 60;  // Columns that join a UAV's list at a temperature.
 
 // -share log(share), a term of an entropy.
-double find_entropy(double share) {
+double compute_entropy_term(double share) {
     share = std::min(std::max(share, 0.0), 1.0);
     return -share * std::log(std::max(share, TINY));
 }
@@ -51,7 +51,7 @@ public:
         : adversaries_(std::move(adversaries)), price_(price), peak_(peak),
           totals_(adversaries_.size()), trial_(adversaries_.size()) {}
 
-    // Begin with another slot, at another w0, without columns.
+    // Forget all columns, and begin the bound of a slot at a given w0, for a number of UAVs.
     void begin(double w0, std::size_t uavs) {
         w0_ = w0;
         uavs_.resize(uavs);
@@ -69,18 +69,18 @@ public:
     // Minimise the bound approximately over the eavesdroppers' multipliers v, beginning at the
     // given v, which a better result replaces. A v with an infinite bound is left as it is.
     void minimise(double* v) {
-        const double before = find_bound(v);
+        const double before = compute_bound(v);
         if (!std::isfinite(before)) return;
         std::vector<double> point = move_inside(v);
         for (const double tau : TEMPERATURES) {
             for (Uav& uav : uavs_) extend(uav, point.data());
             descend(point, tau);
         }
-        if (find_bound(point.data()) < before) std::copy(point.begin(), point.end(), v);
+        if (compute_bound(point.data()) < before) std::copy(point.begin(), point.end(), v);
     }
 
     // The bound at v [nats]: constant(v) plus the largest value of each UAV's columns.
-    double find_bound(const double* v) {
+    double compute_bound(const double* v) {
         double sum = constant(v);
         for (std::size_t uav = 0; uav < uavs_.size(); ++uav) sum += find_maximum(uav, v);
         return sum;
@@ -103,8 +103,8 @@ public:
             totals_[adversaries_[e]] += v[e];
             sum += v[e];
         }
-        double entropy = find_entropy(1.0 - sum);
-        for (const double total : totals_) entropy += find_entropy(total);
+        double entropy = compute_entropy_term(1.0 - sum);
+        for (const double total : totals_) entropy += compute_entropy_term(total);
         const double slack = std::max(w0_ - sum, 0.0);
         const double power = std::min(slack / std::max(price_, TINY), peak_);
         return slack * std::log(std::max(power, TINY)) - price_ * power - entropy;

@@ -156,8 +156,8 @@ public:
         return box;
     }
 
-    // Set the flags of a box, and fill its E + 2 expansions: of the ground node, of each
-    // eavesdropper, and of the terms without a weight.
+    // Set the flags of a box, and fill its E + 2 expansions (quadratic upper bounds): of the ground
+    // node, of each eavesdropper, and of the terms without a weight.
     void expand(std::size_t cell, Box& box, Expansion* parts) const {
         region_->locate(cell, box);
         const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
@@ -212,9 +212,9 @@ public:
     }
 
 private:
-    // Fill the expansions in a box of the log gain of the transmitter's link to the ground node,
-    // and of minus the log gains of the transmitter's links to the eavesdroppers. `rho` is half the
-    // diagonal of the box.
+    // Fill the transmitter's quadratic upper bounds in a box: parts[0] of the log gain of the link
+    // to the ground node, parts[e + 1] of minus the log gain of the link to eavesdropper e. `rho`
+    // is half the diagonal of the box.
     void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
         const double square = links_->altitude * links_->altitude;
         const double da = box.centre[0] - links_->ground[0];
@@ -229,8 +229,8 @@ private:
             expand_transmitter_leak(box, e, parts[e + 1]);
     }
 
-    // Fill the expansion in a box of minus the log gain of the transmitter's link to the nearest
-    // place in the disc of eavesdropper e.
+    // Fill f, the quadratic upper bound in a box of minus the log gain of the transmitter's link to
+    // the nearest place in the disc of eavesdropper e.
     void expand_transmitter_leak(const Box& box, std::size_t e, Expansion& f) const {
         const double square = links_->altitude * links_->altitude;
         const double da = box.centre[0] - links_->places[2 * e];
@@ -243,8 +243,8 @@ private:
         f.ka = f.kb = 2 / q;
     }
 
-    // Fill E + 2 expansions in a box, by a jammer's place and pi = log p: -phi(z0) of the ground
-    // node, phi(z_e) of every eavesdropper, and -lam e^pi, the price of the jammer's power.
+    // Fill E + 2 quadratic upper bounds in a box, by a jammer's place and pi = log p: of -phi(z0)
+    // of the ground node, phi(z_e) of every eavesdropper, and -lam e^pi, the price of the power.
     // `rho` is half the diagonal of the box in the plane.
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
         // Powers in the box are from watts / more to watts * more.
@@ -258,9 +258,9 @@ private:
         power_cost.kp = -cost / more;
     }
 
-    // Fill the expansion in a box of a jammer's -phi(z0) = -log(1 + y) of the ground node, where
-    // y = p e^log_gain / q is the SNR received from `least` to `top` in the box, and q = d^2 + H^2.
-    // The power p is `watts` in the box's centre, and from watts / more to watts * more in it.
+    // Fill f, the quadratic upper bound in a box of a jammer's -phi(z0) = -log(1 + y) at the ground
+    // node, with the received SNR y = p e^log_gain / q and q = d^2 + H^2; y is in least..top in the
+    // box. The power p is `watts` at the centre, and from watts / more to watts * more in the box.
     void expand_jammed_ground(const Box& box, double rho, double watts, double more,
                               Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
@@ -286,9 +286,9 @@ private:
         f.kb = f.ka;
     }
 
-    // Fill the expansion in a box of a jammer's phi(z_e) = log(1 + y) at the farthest place in the
-    // disc of eavesdropper e. The SNR y received there is from `least` to `top` in the box, and the
-    // power is from watts / more to watts * more.
+    // Fill f, the quadratic upper bound in a box of a jammer's phi(z_e) = log(1 + y) at the
+    // farthest place in the disc of eavesdropper e. The SNR y received there is in least..top in
+    // the box. The power is `watts` at the centre, and in the box watts / more to watts * more.
     void expand_jammed_leak(const Box& box, double rho, double watts, double more, std::size_t e,
                             Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];

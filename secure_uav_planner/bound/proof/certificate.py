@@ -150,16 +150,17 @@ def certify(team: Team, multipliers: Multipliers,
     """
     Return the certificate that multipliers give.
 
-    It is valid for any multipliers and whenever it is stopped; its rate is infinite if a value is
-    not a number. It holds for the objective and the scenario of the team's reachable sets only.
+    It is valid for any multipliers and whenever it is stopped. Negative prices and v are replaced
+    by 0; v whose sum exceeds w0 are scaled down. The rate is infinite if a value is not a number.
+    It holds for the objective and the scenario of the team's reachable sets only.
 
-    :param team: the UAVs of the scenario.
-    :param multipliers: any multipliers; good ones make the rate small.
     :param stop: asked now and then; True ends the branch and bound, and the rate is larger.
+    :raises AssertionError: unless w0 rises to 1 over the breakpoints.
     """
     potentials, cells = multipliers.potentials, multipliers.cells
     prices = np.maximum(multipliers.prices, 0.0)
     weights, v = _make_valid(multipliers)
+    # Bounds of the sum of the UAVs' terms: in silence, (C,), and at every breakpoint, (K, C).
     silent, joint = np.zeros(len(cells.group)), np.zeros(weights.shape)
     for i, potential in enumerate(potentials):
         # Only the last UAV is restricted to cells, see lemma 10.

@@ -138,7 +138,7 @@ class DetourSearch:
 
 
 def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Detours | None:
-    """Return the detours of UAV `index` around convex parts of O, or None; see DetourSearch."""
+    """Return the detours of UAV `index` in m around convex parts of its obstacles, or None."""
     uav, fence = scenario.uavs[index], scenario.boundaries.keep_in
     if _has_too_many_corners(parts) or not parts and fence is None:
         return None
@@ -162,7 +162,7 @@ def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Det
 
 def _lay_grid(uav: Uav, longest: float) -> tuple[Array, Array]:
     """
-    Return the lower corner and the cells' size, (2,) each in m, of a grid of reachable places.
+    Return lower corner and cell size of a grid over reachable places, (2,) in m, in UAV's frame.
 
     The paths from start and goal to a place are together no longer than all moves, `longest`, so
     all places are inside an ellipse whose foci are start and goal. The grid covers the ellipse.
@@ -173,7 +173,7 @@ def _lay_grid(uav: Uav, longest: float) -> tuple[Array, Array]:
 
 
 def _outline_cells(uav: Uav, low: Array, size: Array, wider: Array) -> Any:
-    """Return a grid's cells, (SIDE^2,), as rectangles [m], on every side wider by `wider`."""
+    """Return a grid's cells, wider by `wider` [m], as polygons in the mission's frame, [m]."""
     number = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing='ij'), -1)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     outlines = low + (number.reshape(-1, 1, 2) + corners) * size + (2 * corners - 1) * wider
@@ -185,9 +185,9 @@ def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
 
 
 def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
-    """Return convex parts of O, from zones and pockets of the fence, at an altitude in m."""
+    """Return convex parts of the obstacles at an altitude [m]: zones and the fence's pockets."""
     boundaries = airspace.scenario.boundaries
-    # Zones are not united, because a plan may fly between two that touch.
+    # Distant zones are ignored. Zones are not united, as a plan may fly between two that touch.
     solids = [shapely.Polygon(vertices) for vertices, name in boundaries.keep_out(altitude)
               if name not in airspace.far]
     if boundaries.keep_in is not None:
@@ -236,27 +236,27 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     inner = solid.buffer(-10 * GRID)
     shapely.prepare(inner)
     edges = np.array(np.triu_indices(len(places), 1))
-    seen = ~shapely.intersects(inner, draw_edges(places, edges))
-    paths = measure_paths(places, edges[:, seen], [0, 1])
+    is_free = ~shapely.intersects(inner, draw_edges(places, edges))
+    paths = measure_paths(places, edges[:, is_free], [0, 1])  # (2, K) in m.
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
     lengths = np.full((2, len(cells)), np.inf)
-    # For each end or corner: the cells that it sees, reached by its path and then straight.
+    # A path to a cell goes to an end or corner from which the cell is seen, and then straight.
     for place, path in zip(places, paths.T):
         lit = frame.difference(shapely.union_all(
             [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
                 -10 * GRID))
         shapely.prepare(lit)
         seen = np.flatnonzero(shapely.intersects(lit, cells))
-        lengths[:, seen] = np.minimum(
-            lengths[:, seen], path[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
+        straight = shapely.distance(shapely.Point(place), cells[seen])
+        lengths[:, seen] = np.minimum(lengths[:, seen], path[:, None] + straight)
     return lengths
 
 
 def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
-    """Return what a convex polygon (K, 2) hides up to `reach` [m] from a place, and itself."""
+    """Return a convex polygon (K, 2) with its shadow, `reach` [m] long, as seen from a place."""
     offset = outline - place
     length = np.hypot(*offset.T)
     distinct = length > 1e-9

@@ -147,7 +147,8 @@ class ReachableSet:
         The set is the overlap of the disc about the start (0, 0) with radius r1 and the disc about
         the goal (D, 0) with radius r2. If their circles cross between start and goal, at x = a,
         the set is widest in y there, with the half width sqrt(r1^2 - a^2). Otherwise it is as wide
-        as the smaller disc. The radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        as the smaller disc. 1e-14 (r1^2 + D^2) is added to the radicand, more than its rounding
+        error. With detours only the grid cells reached in time are within the rectangle.
         """
         r1, r2, distance = self.from_start, self.to_goal, self.distance
         crossing = self._crossing()
@@ -180,7 +181,7 @@ class ReachableSet:
         return np.stack(first, -1), np.stack(end, -1)
 
     def _time_deficit(self) -> Array:
-        """Return by how much paths to grid cells are too long (<= 0 in time), (G, SIDE, SIDE)."""
+        """Return the larger excess of a cell's two paths over the radii, (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
@@ -216,7 +217,7 @@ class ReachableSet:
         return np.where(crosses[:, None], np.stack([x, y], -1), 0.0)
 
     def contains(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) in both discs of their group (...) and in time."""
+        """Return True for places (..., 2) in both discs of their group (...), and _is_in_time."""
         across = place[..., 1]**2
         return np.asarray(
             (place[..., 0]**2 + across <= self.from_start[group]**2)
@@ -224,7 +225,7 @@ class ReachableSet:
             & self._is_in_time(place, group))
 
     def _is_in_time(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) in a grid cell reached in time, or without detours."""
+        """Return True for places (..., 2) whose paths around obstacles are within the radii."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
         there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
@@ -298,9 +299,13 @@ class ReachableSet:
 
 def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
     """
-    Return a move's largest change, this change at both ends (2,), and the moves beyond the ends.
+    Return A, (A_0, A_{N+1}) and (d_{-1}, d_{N+1}) of lemma 8 in m: scalar, (2,) and (2, 2).
 
-    These are A, A_0 and A_{N+1}, d_{-1} and d_{N+1} (2, 2) of lemma 8, in m. `step`: largest move.
+    A_n is the largest change from move n - 1 to move n, d_{-1} and d_{N+1} are the moves before
+    the start and after the goal. Without a limit of acceleration A is 2 step, A at the ends is the
+    step and the moves are 0. An end whose velocity is free has A = step and the move 0, too.
+
+    :param step: largest move [m].
     """
     uav = scenario.uavs[index]
     if uav.max_acceleration is None:
@@ -410,9 +415,10 @@ class Team:
     def of(cls, scenario: Scenario, subset: EavesdropperSubset,
            detours: tuple[Detours | None, ...], most: int = MOST_GROUPS) -> Team:
         """
-        Return the team of a scenario; if eavesdroppers collude, each disc is an adversary.
+        Return the team of a scenario.
 
-        :param scenario: the mission.
+        If eavesdroppers collude, each disc is an adversary; otherwise all discs are a single one.
+
         :param subset: places that represent the eavesdroppers.
         :param detours: detours of each UAV in m, see DetourSearch.
         :param most: largest number of groups of slots.

@@ -12,7 +12,7 @@ sum that bounds a box has fewer than 10 terms of each of two kinds, and a term i
 a few eps of its size. The first kind are logarithms, below 200 in size for every legal scenario,
 with weights w0 <= 1 and sum v <= 1. The second kind are the potentials' terms. Their size is at
 most |u| r + |S| r^2 and step (|u| + |S| r), where r is the farthest that the reachable set
-reaches. The terms that `add_disc_multiplier` in bound/kernel/terms.hpp adds have the second kind's
+reaches. `add_disc_multiplier` in bound/kernel/reachable_set.hpp adds terms of the second kind's
 size: their factors are at most ten times the slope, and their discs' radii at most twice the
 place's distance. Second derivatives are wrong by a few eps of their terms. A negative second
 derivative of the rates is at most 2 / H^2 in size and occurs only where a box is within H of a
@@ -144,7 +144,7 @@ class EavesdropperSubset:
 
     def compute_sinrs(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
-        Return upper bounds of the SINR in every disc by the formula of problem (P2), (E, N).
+        Return upper bounds of the SINR in this subset's discs by the formula of (P2), (E, N).
 
         :param positions: positions of a plan, (U, N + 2, 2) in m.
         :param powers: powers of the plan, (U, N) in W.
@@ -155,11 +155,11 @@ class EavesdropperSubset:
 
     def select_loudest(self, sinrs: Array, most: int, colluding: bool) -> EavesdropperSubset:
         """
-        Return at most `most` of these places, in the same order as here.
+        Return the `most` places that leak most in a plan, or all if there are fewer, in order.
 
-        They are chosen one after the other. Each raises the plan's leak, summed over the slots,
-        most. Every disc gets a place before any gets two, because a plan may leak little into a
-        disc only because its jammer is there.
+        They are chosen one after the other, each time the place that raises the plan's leak,
+        summed over the slots, by most. Every disc gets a place before any gets two, because a
+        plan may leak little into a disc only because its jammer is there.
 
         :param sinrs: SINRs of a plan at all places, (E, N).
         :param colluding: True if the SINRs of eavesdroppers add up.

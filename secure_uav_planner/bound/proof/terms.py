@@ -150,7 +150,7 @@ class Potential:
         Return the bound's terms of start and goal [nats], with all tolerances; lemmas 2 and 8.
 
         They are T_0(start) + W_0(start) - W_N(goal) + A |w_1|, and for w = w_{N+1} at the goal
-        max(A_{N+1} - A, 0) |w| - w . d_{N+1}.
+        max(A_{N+1} - A, 0) |w| - w . d_{N+1}. The start is the origin, so W_0(start) is 0.
         """
         region = self.region
         miss = 2e-6 / region.unit + 1e-12  # Above sqrt(2) POSITION_TOLERANCE, in units.
@@ -215,8 +215,8 @@ class Terms:
         Return upper bounds of the functions' maxima, (M,) in nats.
 
         A box is dropped if it misses the reachable set, or if its bound is at most the incumbent
-        plus TOLERANCE. Larger values that are found replace the incumbent. The maximum over all
-        dropped boxes is at most the last incumbent plus TOLERANCE.
+        plus TOLERANCE. Larger values that are found replace the incumbent. Over a cell that misses
+        the reachable set the bound is NOTHING plus the potential's constant.
 
         :param incumbents: guesses of the maxima, (M,). Any values give a bound; values near the
             maxima give a tight one.

@@ -60,12 +60,11 @@ class ArrowSystem:
         Return the damped Newton step.
 
         If a single column is far better than any other, the function is linear near the point,
-        and a full step would leave the neighbourhood in which it is linear. Damping acts as an
-        additional variance of the columns of a group: it limits how much the potentials change
-        from edge to edge and at both ends. It also raises the diagonals of v and of the prices by
-        a fraction.
+        and a full step would leave the neighbourhood in which it is linear. Damping limits how
+        much the potentials change from edge to edge and at both ends, see _damp. It also raises
+        the diagonals of v and of the prices by a fraction.
 
-        :param damping: the variance [units^2] and the fraction.
+        :param damping: an additional variance [units^2] of a group's columns, and the fraction.
         :raises numpy.linalg.LinAlgError: if the Hessian is not positive definite.
         """
         groups, edges = self._damp(damping)
@@ -122,10 +121,11 @@ class ArrowSystem:
 
     def _assemble_border(self, groups: Array) -> Array:
         """
-        Return the right sides of the band's linear systems, (unknowns of the band, U + 1).
+        Return the right sides of the band's linear systems, ((G + 1) K, U + 1).
 
-        The first U columns are the mixed derivatives by the unknown and by each UAV's price; the
-        last column is the gradient.
+        The rows are the band's unknowns, K for each edge as in _assemble_band. The first U columns
+        are the mixed derivatives by the unknown and by each UAV's price; the last column is the
+        gradient.
         """
         (count, width), block = self.edge_gradient.shape, self.layout.after.start
         size = self.layout.after.stop

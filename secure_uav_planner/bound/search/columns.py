@@ -89,7 +89,7 @@ class Columns:
     @classmethod
     def product(cls, region: ReachableSet, place: Array, levels: Array) -> Columns:
         """
-        Return the columns of every place (G, K, 2) with every power (G, P), (G, K P).
+        Return the K P columns of every place (G, K, 2) with every power in `levels` (G, P).
 
         Column k P + p of a group has place k and power p.
         """
@@ -140,7 +140,7 @@ def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     """
     Return a grid of places in every reachable set, its boundary included, (G, along * across, 2).
 
-    :param along: number of coordinates x from start to goal, which are denser at both ends.
+    :param along: number of coordinates x over the bounding box, denser at both of its ends.
     :param across: number of equidistant coordinates y for each x.
     """
     low, high = region.bounding_box
@@ -161,7 +161,8 @@ def sample_powers(region: ReachableSet, power: Array) -> Array:
     """
     Return 13 powers of a jammer for every group, (G, 13) in W.
 
-    They are 0, seven powers around a plan's powers, and five powers up to the peak.
+    They are 0, seven powers from e^-1.2 to e^1.2 times the plan's power, and five powers from
+    1e-4 times the peak to the peak. None exceeds the peak.
 
     :param power: jamming powers of the plan, (G,) in W.
     """
@@ -182,9 +183,13 @@ class ColumnPool:
     """
 
     def __init__(self, region: ReachableSet, places: Array, powers: Array) -> None:
-        """Lay the fixed columns: `_table` with all powers, `_base` and silent places."""
+        """
+        Lay the fixed columns: `_table`, `_base` and silent places.
+
+        `_table` has a fine grid, the plan's places and the places nearest to receivers, each with
+        every power. `_base` has a coarse grid with few powers, and the rim without jamming.
+        """
         self.region, count = region, len(places)
-        # The places of the reachable set nearest to the receivers are candidates as well.
         receivers = np.concatenate([region.ground[None], region.eavesdroppers])
         nearest = region.clip(np.broadcast_to(receivers, (count, *receivers.shape)),
                               np.arange(count)[:, None])
@@ -212,7 +217,9 @@ class ColumnPool:
     @staticmethod
     def join(pools: list[ColumnPool]) -> Columns:
         """
-        Return the columns by which v is chosen: fixed, of all kept rounds, and exact ones.
+        Return the columns on which v is chosen.
+
+        They are the fixed columns, and each pool's columns of kept rounds and branch and bound.
 
         :param pools: pools of one UAV, which have the fixed columns in common.
         """
@@ -224,9 +231,9 @@ class ColumnPool:
     @staticmethod
     def choose(pools: list[ColumnPool], number: NDArray[np.intp]) -> ColumnPool:
         """
-        Return a pool with the columns of pools[number[g]] in every group g.
+        Return a pool that has in every group g the columns that rounds added to pools[number[g]].
 
-        The pools are of one UAV, so they differ only in the columns that rounds added.
+        The pools are of one UAV, so their fixed columns are equal. Silent places are pools[0]'s.
 
         :param number: for each group the index of its pool in `pools`, (G,).
         """
@@ -284,11 +291,11 @@ class ColumnPool:
 
     def _select_powers(self, value: Array) -> NDArray[np.intp]:
         """
-        Return indices of columns with one power, the best, for each of the table's K places.
+        Return the index of the column with the best power at each of K places, then all others.
 
         :param value: values of the table's columns, k P + p for place k and power p, then values
             of other columns, (G, K P + others).
-        :return: indices, (G, K + others); all other columns are kept.
+        :return: indices, (G, K + others).
         """
         groups, places, table = len(value), self._grid.shape[1], self._table.power.shape[1]
         powers = table // places

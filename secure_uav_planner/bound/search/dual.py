@@ -80,7 +80,7 @@ class EdgeTerms:
         self.value += float(factor @ norm)
 
     def add_eigenvalues(self, uav: int, part: slice, factor: Array) -> None:
-        """Add factor times the smoothed max(0, largest eigenvalue of S), at every edge."""
+        """Add factor (G + 1,) times the smoothed max(0, largest eigenvalue of S), the `part`."""
         largest, slope, second = _smooth_largest_eigenvalue(self._x[:, uav, part])
         self.value += float(factor @ largest)
         self.gradient[:, uav, part] += _scale(factor, slope)
@@ -109,7 +109,8 @@ class Dual:
         self.columns, self.silent = columns, silent
         self.count = team.groups.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
-        # The weight of each edge: a number of slots, and one more at the start.
+        # Weight of each edge: the sum of its weights in all slots, see SlotGroups.means, plus 1 at
+        # the start for the first move.
         before, after = team.groups.means
         self.edge_weights = np.zeros(len(self.count) + 1)
         self.edge_weights[:-1] += self.count * before
@@ -122,14 +123,14 @@ class Dual:
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function: N times an estimate of the bound, in nats."""
-        return self._add_up(point, self._find_branches(point).value, self._find_edges(point))
+        return self._add_up(point, self._compute_branches(point).value, self._compute_edges(point))
 
     def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
         """Return the dual function [nats], and its gradient and Hessian as an ArrowSystem."""
-        branches = self._find_branches(point, differentiate=True)
+        branches = self._compute_branches(point, differentiate=True)
         gradient, hessian = self._differentiate_groups(branches)
         self._add_v_barriers(point, gradient, hessian)
-        edges, slots, prices = self._find_edges(point), self.count.sum(), point.prices
+        edges, slots, prices = self._compute_edges(point), self.count.sum(), point.prices
         return self._add_up(point, branches.value, edges), ArrowSystem(
             point.layout, point.group_layout, gradient, hessian, *edges.flatten(),
             slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
@@ -137,15 +138,15 @@ class Dual:
 
     def find_worst_cell(self, point: DualPoint) -> NDArray[np.intp]:
         """Return the index of the cell with the largest value in every group, (G,)."""
-        return np.asarray(self._find_branches(point).value[:-1].argmax(0))
+        return np.asarray(self._compute_branches(point).value[:-1].argmax(0))
 
     def _add_up(self, point: DualPoint, branches: Array, edges: EdgeTerms) -> float:
         """
         Return the dual function [nats], N times an estimate of the bound.
 
-        With n slots in a group it is the sum over groups of n tau log sum exp(branch / tau), plus
-        N lam . (average powers), plus the edges' terms, minus n times the weighted logs of v and
-        slack, minus N times the weighted log of lam.
+        It is the sum over groups of n slots of n (tau log sum exp(branch / tau) - barriers), plus
+        N (lam . average powers - barrier), plus the edges' terms. A barrier is a weight times the
+        sum of log v, of log slack or of log lam.
 
         :param branches: value of every branch, (B + 1, G) in nats.
         """
@@ -176,7 +177,7 @@ class Dual:
         first, size = point.group_layout.v.start, point.v.shape[-1]
         return slice(first + cell * size, first + (cell + 1) * size)
 
-    def _find_edges(self, point: DualPoint) -> EdgeTerms:
+    def _compute_edges(self, point: DualPoint) -> EdgeTerms:
         """Return the edges' terms: first move, acceleration, -W_N(goal), eigenvalues of S."""
         layout, terms = point.layout, EdgeTerms(point.potentials, self.tau)
         for uav, region in enumerate(self.team.regions):
@@ -224,8 +225,9 @@ class Dual:
 
     def _differentiate_groups(self, branches: BranchTerms) -> tuple[Array, Array]:
         """
-        Return gradient (G, F) and Hessian (G, F, F) of the groups' smoothed maxima, times slots.
+        Return gradient (G, F) and Hessian (G, F, F) of n times a group's smoothed maximum.
 
+        n is the group's number of slots. The maximum is over the branches of a slot.
         With the shares r of the branches, and gradient g and Hessian H of each branch, the
         gradient is m = sum of r g, and the Hessian is sum of r (H + g g' / tau) - m m' / tau.
         """
@@ -236,7 +238,7 @@ class Dual:
         hessian = hessian - _square(mean) / self.tau
         return mean * self.count[:, None], _scale(self.count, hessian)
 
-    def _find_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
+    def _compute_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
         """
         Return the branches: one for each cell, in which the transmitter sends, and silence.
 
@@ -247,7 +249,7 @@ class Dual:
         silence = len(self.columns)
         for cell, parts in enumerate(self.columns):
             v, own = point.v[:, cell], self._select_v(point, cell)
-            terms.value[cell] = self._find_sending(v, point.prices[0])
+            terms.value[cell] = self._compute_sending(v, point.prices[0])
             if differentiate:
                 self._differentiate_sending(v, point.prices[0], own, terms.gradient[cell],
                                             terms.hessian[cell])
@@ -261,7 +263,7 @@ class Dual:
                     self.team, uav, point, columns, self.weight, point.v[:, cell], self.tau))
         return terms
 
-    def _find_sending(self, v: Array, price: float) -> Array:
+    def _compute_sending(self, v: Array, price: float) -> Array:
         """
         Return H(w0) - H(v) + max over p of (w0 - s) log p - lam p, (G,) in nats; lemmas 1 and 3.
 
@@ -275,7 +277,7 @@ class Dual:
     def _differentiate_sending(self, v: Array, price: float, own: slice, gradient: Array,
                                hessian: Array) -> None:
         """
-        Add the derivatives of _find_sending to a gradient (G, F) and a Hessian (G, F, F).
+        Write the derivatives of _compute_sending into a gradient (G, F) and a Hessian (G, F, F).
 
         With the best power p, and t the sum of v of a place's adversary, they are
 
@@ -342,7 +344,7 @@ class BranchTerms:
 
 
 def _soften(values: Array, tau: float) -> tuple[Array, Array]:
-    """Return tau log sum exp(values / tau) over the rows (B, G), (G,), and the rows' shares."""
+    """Return tau log sum exp(values / tau) over rows, (G,), and each row's shares, (B, G)."""
     top = values.max(0)
     shares = np.exp((values - top) / tau)
     total = shares.sum(0)

@@ -136,14 +136,18 @@ class MultiplierSearch:
         return values
 
     def build_dual(self, tau: float) -> Dual:
-        """Add a round of columns, and return the dual function on the pools' latest columns."""
+        """Add a round of columns; return the dual function at `tau` [nats] on the latest ones."""
         self._add_round()
         columns = [[self._restrict(cell, uav, pool.latest) for uav, pool in enumerate(pools)]
                    for cell, pools in enumerate(self.pools)]
         return Dual(self.team, self.weight, columns, [pool.silent for pool in self.pools[0]], tau)
 
     def _add_round(self) -> None:
-        """Add a round to every pool, and the best silent places to the pools of the first cell."""
+        """
+        Add a round to every pool, and the best silent places to the pools of the first cell.
+
+        A thorough search also adds to every pool the best column of branch and bound.
+        """
         for cell, pools in enumerate(self.pools):
             for uav, pool in enumerate(pools):
                 pool.add_round(partial(self._evaluate_in_cell, cell, uav))
@@ -163,7 +167,7 @@ class MultiplierSearch:
                              self.point.v[:, cell])
 
     def _restrict(self, cell: int, uav: int, columns: Columns) -> Columns:
-        """Return columns with `ground` -WORTHLESS at places of the last UAV outside a cell."""
+        """Return columns; the last UAV's outside a cell, of several, get `ground` -WORTHLESS."""
         if uav + 1 < len(self.team.regions) or len(self.pools) == 1:
             return columns
         inside = self.cells.take_part(cell, len(self.weight)).contain(columns.place)
@@ -172,10 +176,10 @@ class MultiplierSearch:
     def find_better(self, uav: int, cells: Cells, weight: Array, v: Array,
                     incumbents: Array) -> Columns:
         """
-        Return a better column of a UAV for every function, (M, 1), by branch and bound.
+        Return for every function the best column that branch and bound finds, (M, 1).
 
-        A function is the value of the UAV's columns at one w0 and v, over one cell. If no column
-        is better than the function's incumbent, its column is worth -WORTHLESS.
+        A function is the value of the UAV's columns at one w0 and v, over one cell. The column's
+        `ground` is -WORTHLESS if PRICING_BUDGET boxes show no column above the incumbent.
 
         :param cells: C cells of the last UAV; function m is over cell m modulo C, or for another
             UAV over the reachable set of this cell's group.
@@ -193,7 +197,7 @@ class MultiplierSearch:
                       find_power_range(self.team, uav) if uav else None)
         # Place and log power of each function's best point; NaN if none beats its incumbent.
         points = np.full((len(weight), 3), np.nan)
-        terms.bound_maxima(incumbents + _find_constant(potential)[group], self._ask_to_go_on,
+        terms.bound_maxima(incumbents + _compute_constant(potential)[group], self._ask_to_go_on,
                            PRICING_BUDGET, points)
         is_better = np.isfinite(points[:, :1])
         place = np.where(is_better, points[:, :2], region.bounding_box[0][group])
@@ -247,6 +251,7 @@ class MultiplierSearch:
         dual = self.build_dual(tau)
         for _ in range(iterations):
             self.raise_if_over()
+            # The steps end when the slope along one is nearly 0.
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
                 break
 
@@ -256,7 +261,8 @@ class MultiplierSearch:
 
         A length of the step is accepted if value(trial) < value + 0.1 length slope. The lengths 1,
         0.3 and 0.1 are tried, then ten times the damping of ArrowSystem.solve, up to MAX_DAMPING.
-        The next step begins with the accepted damping, times 0.1 after length 1.
+        A Hessian that is not positive definite takes 100 times the damping. The next step begins
+        with the accepted damping, times 0.1 after length 1, or with 1 if none was accepted.
         """
         value, system = dual.derivatives(self.point)
         while self._damping < MAX_DAMPING:
@@ -267,7 +273,7 @@ class MultiplierSearch:
                 continue
             step = step.shorten(self.point, dual.slack(self.point.v))
             slope = min(system.slope(step), 0.0)
-            # A full step lowers the damping, shorter steps keep it, and no step raises it.
+            # Length 1 lowers the damping, shorter ones keep it; it rises if none is accepted.
             for length, factor in ((1.0, 0.1), (0.3, 1.0), (0.1, 1.0)):
                 trial = self.point.move(step, length)
                 if dual.value(trial) < value + 0.1 * length * slope:
@@ -279,7 +285,7 @@ class MultiplierSearch:
         return 0.0
 
 
-def _find_constant(potential: Potential) -> Array:
+def _compute_constant(potential: Potential) -> Array:
     """Return A |w|, plus the curvature's cost if quadratic: what columns leave out, (G,)."""
     return potential.constant() if potential.is_quadratic else potential.acceleration_cost()
 
@@ -308,8 +314,9 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
 
     At the places and powers of the plan, w0 = phi'(z0), at least 0.3. The transmitter's price is
     the median over groups of (phi'(z0) - phi'(y)) / power, with y the log SINR of all adversaries.
-    The sum of v is the smaller one of phi'(y) and w0 - price power, at least LEAST_LEAK.
-    v_e is in proportion to the weight of place e by _find_place_shares, larger for louder places.
+    A jammer's price is JAMMER_PRICE. The sum of v is the smaller one of phi'(y) and w0 - price
+    power, at least LEAST_LEAK. v_e is in proportion to the weight of place e, which
+    _compute_place_shares makes larger for louder places.
     Measured: with v in equal shares, bounds of missions with several eavesdroppers are up to 2.8%
     above the plan instead of 0.1%.
 
@@ -332,11 +339,11 @@ def suggest_multipliers(team: Team, places: list[Array], watts: Array
     prices[0] = max(float(np.median((sigmoid(z0) - leak) / np.maximum(watts[0], 1e-9))), 1e-6)
     slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
     total = np.clip(np.minimum(leak, weight - slack), LEAST_LEAK, weight * (1 - 1e-7))
-    share = _find_place_shares(team, ze, largest)
+    share = _compute_place_shares(team, ze, largest)
     return weight, (total / share.sum(-1))[:, None] * share, prices
 
 
-def _find_place_shares(team: Team, ze: Array, largest: Array) -> Array:
+def _compute_place_shares(team: Team, ze: Array, largest: Array) -> Array:
     """
     Return weights of places, (G, E): a share that is larger for louder places, plus LEAST_SHARE.
 
@@ -377,7 +384,7 @@ def build_multipliers(search: MultiplierSearch) -> Multipliers:
         _add_better_columns(bounds, search, cells, weights, v, incumbents)
         v, incumbents, _ = bounds.minimise(weights, cells, v / weights[..., None])
     potentials = tuple(map(search.potential, range(len(search.team.regions))))
-    constant = np.array(list(map(_find_constant, potentials)))[:, cells.group]
+    constant = np.array(list(map(_compute_constant, potentials)))[:, cells.group]
     return Multipliers(
         potentials, search.point.prices, cells, weights, v,
         constant + _find_silent_maxima(search, cells), incumbents + constant[:, None])

@@ -79,8 +79,8 @@ class SlotBounds:
         """
         Divide cells into four where this can lower a slot's bound by more than LEAST_GAIN.
 
-        A slot's bound is the largest one of its cells. A cell is divided if its own bound exceeds
-        the slot's bound with all cells divided by more than LEAST_GAIN.
+        A slot's bound is the largest one of its cells. Let b be the slot's bound with all cells
+        divided. A cell is divided if its own bound exceeds b + LEAST_GAIN.
 
         :param cells: C cells of the last UAV.
         :param weight: w0 at which bounds are compared, (G,).

@@ -99,7 +99,7 @@ class DualPoint:
 
     @property
     def group_layout(self) -> GroupLayout:
-        """Return the layout of a group's unknowns."""
+        """Return the slices of a group's unknowns: potentials before, v, potentials after, lam."""
         potentials = self.potentials[0].size
         return GroupLayout(*_lay_out(
             potentials, self.v[0].size, potentials, len(self.prices)))
@@ -118,14 +118,14 @@ class DualPoint:
 
         :param slack: w0 minus the sum of v at the point, (G, B).
         """
-        of_v = np.minimum(_find_way_to_zero(point.v, self.v).min(-1),
-                          _find_way_to_zero(slack, -self.v.sum(-1)))
-        of_prices = _find_way_to_zero(point.prices, self.prices)
+        of_v = np.minimum(_compute_way_to_zero(point.v, self.v).min(-1),
+                          _compute_way_to_zero(slack, -self.v.sum(-1)))
+        of_prices = _compute_way_to_zero(point.prices, self.prices)
         return replace(self, v=self.v * np.minimum(1.0, 0.9 * of_v)[..., None],
                        prices=self.prices * np.minimum(1.0, 0.9 * of_prices))
 
 
-def _find_way_to_zero(values: Array, steps: Array) -> Array:
+def _compute_way_to_zero(values: Array, steps: Array) -> Array:
     """Return by what factor of its step each positive value becomes 0; inf if it never does."""
     with np.errstate(divide='ignore', invalid='ignore'):
         return np.where(steps < 0, -values / steps, np.inf)

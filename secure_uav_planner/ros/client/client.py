@@ -335,7 +335,7 @@ class SecurePlanner:
                 self._arrived.wait(0.05)
 
     def _pose_kind(self, name: str) -> type[PoseStamped] | type[PoseWithCovarianceStamped]:
-        """Return the class of the pose messages of a member; refuse an unknown name."""
+        """Return the pose class of a member; raise a ClientError for an unknown name."""
         members = *self._receivers, *self.names
         if name not in members:
             raise ClientError(f'there is no member {quote(name)}; there are {", ".join(members)}')
@@ -343,7 +343,7 @@ class SecurePlanner:
                 else PoseStamped)
 
     def _publisher(self, name: str, kind: Any) -> Publisher:
-        """Return the publisher of a member's messages of a class; refuse a wrong pose class."""
+        """Return a member's publisher of Odometry or of its pose class; refuse another class."""
         node, topic = self.node, f'{name}/{"odom" if kind is Odometry else "pose"}'
         if kind not in (Odometry, self._pose_kind(name)):
             raise ClientError(f'{name} is no eavesdropper')
@@ -355,7 +355,7 @@ class SecurePlanner:
         return self.node.get_clock().now().to_msg()
 
     def _take_plan(self, message: String) -> None:
-        """Keep the plan in a message; note why, if the message is not a plan."""
+        """Keep a message's plan among the last _MOST_PLANS; note why, if it is not a plan."""
         try:
             (plan, _), self._plan_problem = parse_text(message.data, Plan), ''
         except PlanningError as error:
@@ -377,7 +377,7 @@ class SecurePlanner:
         self._on_status(self.status)
 
     def _spin(self) -> None:
-        """Run callbacks until the client stops, and wake up the methods that wait for messages."""
+        """Run callbacks until the client stops, keep their errors, and wake waiting methods up."""
         node = self.node
         while not self._stop.is_set():
             try:

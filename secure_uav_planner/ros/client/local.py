@@ -9,7 +9,7 @@ import sys
 
 @contextmanager
 def node_process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
-    """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
+    """Run a node in its own process; stop it with SIGINT, and kill it if it runs 5 s more."""
     started = subprocess.Popen(
         [sys.executable, '-m', f'secure_uav_planner.ros.{name}.node', '--ros-args', *parameters],
         start_new_session=True)

@@ -87,7 +87,7 @@ class Guard:
 
     def change_frame(self, convert: Callable[[Vector], Vector]) -> None:
         """
-        Continue in another frame of the vehicle: convert the last setpoint to it.
+        Continue in another frame of the vehicle: convert the last setpoint, forget the position.
 
         With a start_tolerance, the next setpoint must be near the vehicle, as at a start.
 
@@ -106,7 +106,7 @@ class Guard:
         self._refusal = reason, now
 
     def state(self, now: int, limits: Limits) -> StreamState:
-        """Return NONE, ENDED, NEW, FOLLOWING or HELD: what the stream is at a time `now` [ns]."""
+        """Return the StreamState at a time `now` [ns]: NONE, ENDED, NEW, FOLLOWING or HELD."""
         if self._last is None:
             return StreamState.NONE
         if not _within(self._last_arrived, now, limits.timeout):
@@ -116,7 +116,7 @@ class Guard:
         return StreamState.FOLLOWING if self.hold(now) is None else StreamState.HELD
 
     def stream(self, now: int, limits: Limits) -> Stream:
-        """Return the Stream, with the last refusal until it is old or a setpoint passes."""
+        """Return the Stream; its reason is the last refusal, if recent and after the last pass."""
         reason, refusal_ns = self._refusal
         is_refused = reason and _within(refusal_ns, now, limits.timeout)
         if self._last is None:
@@ -130,8 +130,9 @@ class Guard:
         """
         Keep a setpoint as the last one that has passed, or raise an OptionError with the reason.
 
-        It must be fresh, keep the limits of motion, and continue the last one. With a
-        start_tolerance it may be near the vehicle instead, and must be where a stream begins.
+        It must be fresh, keep the limits of motion, and be no jump from the last one of the
+        stream. With a start_tolerance, a setpoint near the vehicle may jump; the first setpoint of
+        a stream, or after a change of the frame, must be near the vehicle.
         """
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:

@@ -118,7 +118,7 @@ class Relay(WorkingNode):
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings.stack}'))
 
     def _connect_vehicle(self, name: str, vehicle: str) -> None:
-        """Publish to the topics of a UAV's autopilot, below `vehicle`, and subscribe its state."""
+        """Create publishers to a UAV's autopilot, and subscriptions to its state, in `vehicle`."""
         self._outputs[name] = {kind: self.create_publisher(
             self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
             for kind, topic in self._stack.topics.items()}
@@ -155,7 +155,7 @@ class Relay(WorkingNode):
             self._guard_by_uav[name].change_frame(convert)
 
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
-        """Send a setpoint to its autopilot if the guard lets it pass; otherwise only warn."""
+        """Send a setpoint to its autopilot if the guard lets it pass; otherwise note why, warn."""
         if not self._is_enabled:
             return
         name, now = topic.partition('/')[0], self._now
@@ -183,7 +183,7 @@ class Relay(WorkingNode):
             self._publish(name, fields)
 
     def _on_timer(self) -> None:
-        """Send the last place of each UAV without setpoints, until the timeout ends its stream."""
+        """Send each UAV's last place if no setpoint passes now; warn when the stream has ended."""
         now = self._now
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
@@ -231,10 +231,11 @@ class Relay(WorkingNode):
 
     def _on_state(self, name: str, kind: str, message: Any) -> None:
         """
-        Keep a message of a vehicle's state; tell the guard the position, and publish odometry.
+        Keep a message of a vehicle's state; use the state after a message of the first kind.
 
-        A state consists of messages of several kinds. It is used whenever the first kind comes,
-        with the last message of each other kind.
+        A state is the last message of every kind; it is not used while a kind is missing. The
+        guard gets the position if it is finite. If also orientation and velocity are finite and
+        the local frame is known, odometry is published, unless publish_odometry is off.
         """
         states = self._states[name]
         states[kind] = message
@@ -275,7 +276,7 @@ class Relay(WorkingNode):
 
 
 def _read_finite(name: str, message: Any, fields: str) -> Any:
-    """Return the numbers in fields of a message, or raise a PoseError with the name."""
+    """Return the numbers in fields of a message; raise a PoseError unless all are finite."""
     values = tuple(getattr(message, field) for field in fields)
     if not all(map(math.isfinite, values)):
         raise PoseError(f'its {name} is {quote(values)}; it must be finite')
@@ -283,7 +284,7 @@ def _read_finite(name: str, message: Any, fields: str) -> Any:
 
 
 def _check_vehicles(values: Mapping[str, Any]) -> None:
-    """Raise a ParameterError unless `vehicles` is empty or names one for each of `uavs`."""
+    """Raise a ParameterError unless `vehicles` is empty or has a unique name for each UAV."""
     vehicles, uavs = values['vehicles'], values['uavs']
     if len(set(vehicles)) < len(vehicles):
         raise ParameterError(f'vehicles is {quote(vehicles)}; the names must be unique')
