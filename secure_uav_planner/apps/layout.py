@@ -197,10 +197,10 @@ def list_rates(plan: Plan, kept: Plan) -> list[html.Div]:
     promise, channel = plan.promise, plan.scenario.channel
     rates = (('worst_case', promise.worst_case_rate, 'dashed'),
              ('guaranteed', promise.guaranteed_rate, 'solid'))
+    caveat = promise.text and f'; {promise.text}'
     shown = [html.Div([
         html.B(f'{rate:.3f}'), html.I(style={'borderTopStyle': style}),
-        html.Small(f'{channel.rate_name(name)} (bit/s/Hz)' + (promise.text and f'; {promise.text}')
-                   )], className='rate')
+        html.Small(f'{channel.rate_name(name)} (bit/s/Hz){caveat}')], className='rate')
         for name, rate, style in rates]
     if plan is not kept:
         difference = round(plan.rate - kept.rate, 2)

@@ -53,7 +53,8 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
     :return: a Plan, whose scenario has the duration.
     :raises OptionError: for an unknown objective, or a time limit or bits that are not positive.
     :raises InfeasibleMissionError: with the place ('bits',) when no flight can deliver the bits,
-        or when none was found that does; as solve, when no duration could be flown.
+        or when no flight was found that delivers them; with the text of solve when no duration
+        could be flown.
     :raises StoppedError: when the search is stopped before a delivering flight was found.
     :raises TimeLimitError: when the time limit is over before a delivering flight was found.
     """

@@ -165,11 +165,11 @@ def _find_second_minimum(lags: Array, means: Array, best: int) -> tuple[int, flo
     :param means: mean squared distance at each lag, (L,) in m^2.
     :param best: index of the least mean.
     """
-    apart = np.where(np.abs(lags - lags[best]) > _APART_S, means, np.inf)
-    is_minimum = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] <= apart[1:], True]
-    apart[~is_minimum] = np.inf
-    second = int(np.argmin(apart))
-    return second, math.sqrt(apart[second])
+    is_minimum = np.r_[True, means[1:] <= means[:-1]] & np.r_[means[:-1] <= means[1:], True]
+    is_apart = np.abs(lags - lags[best]) > _APART_S
+    minima = np.where(is_minimum & is_apart, means, np.inf)
+    second = int(np.argmin(minima))
+    return second, math.sqrt(minima[second])
 
 
 def find_delay(positions: Array, course: Course, uav: int) -> float:

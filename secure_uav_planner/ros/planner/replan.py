@@ -62,7 +62,7 @@ class Remainder(NamedTuple):
     :param rule: the Rule by which it is due.
     :param flight: flight of the plan when the replan became due.
     :param now: time of the clock [s] when the replan became due.
-    :param first: the last point of the plan's path that must be kept.
+    :param last_kept: the last point of the plan's path that must be kept.
     :param states: measured state of each UAV, or None for a UAV that is on its plan.
     :param updated: scenario of the plan with the present receivers.
     :param receivers: the present receivers, as predicted.
@@ -71,7 +71,7 @@ class Remainder(NamedTuple):
     rule: Rule
     flight: Flight
     now: float
-    first: int
+    last_kept: int
     states: Sequence[MeasuredState | None]
     updated: Scenario
     receivers: Receivers
@@ -123,18 +123,20 @@ class Remainder(NamedTuple):
         :raises InfeasibleMissionError: if no path meets the states and the rule must meet them.
         """
         try:
-            return find_rejoin(
-                self.plan, self.first, self.states, self.settings.track_tolerance, self.updated)
+            return find_rejoin(self.plan, self.last_kept, self.states,
+                               self.settings.track_tolerance, self.updated)
         except InfeasibleMissionError:
             if self.rule.must_meet:
                 raise
-            return find_rejoin(self.plan, self.first, [None] * len(self.states),
+            return find_rejoin(self.plan, self.last_kept, [None] * len(self.states),
                                self.settings.track_tolerance, self.updated)
 
     def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
         """Raise SupersededError unless `plan` is flown; LateError after a pause or if too late."""
-        if flight is None or flight.playback.plan is not self.plan:
+        if flight is None or flight.playback.plan.identity != self.plan.identity:
             raise SupersededError('replan: superseded by a newer plan')
+        if flight.playback.plan is not self.plan:
+            raise SupersededError('replan: the promise of the plan in flight ended meanwhile')
         check_continuation(self.flight, flight, now - self.now)
         if flight.time + DELIVERY_S * flight.time_scale > rejoin.effect:
             raise LateError('replan: the new plan came after the moment it was to take effect; '
@@ -168,7 +170,7 @@ class Replanning:
         plan = flight.playback.plan
         if plan.start_ns != last.start_ns:
             return None  # The newest plan has not begun.
-        if self._first_point(flight, settings) >= plan.scenario.slots or (
+        if self._last_kept_point(flight, settings) >= plan.scenario.slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
             return None  # The mission ends before the effect, or poses are missing.
         return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)
@@ -244,7 +246,7 @@ class Replanning:
         updated, receivers = self._update_receivers(flight, settings, now)
         self._last_planned = now
         self._stopped = self._find_stopped(settings)
-        return Remainder(rule, flight, now, self._first_point(flight, settings),
+        return Remainder(rule, flight, now, self._last_kept_point(flight, settings),
                          self._tracking.states(flight, settings, now), updated, receivers,
                          settings)
 
@@ -267,7 +269,7 @@ class Replanning:
         return self._tracking.find_stopped(
             name for name, uav in settings.uavs.items() if uav.use_pose)
 
-    def _first_point(self, flight: Flight, settings: PlannerSettings) -> int:
+    def _last_kept_point(self, flight: Flight, settings: PlannerSettings) -> int:
         """Return the index of the last point of the path that is kept by a replan begun now."""
         return find_last_kept_point(flight.playback.plan.scenario,
                                     flight.time + settings.replan_lead * flight.time_scale)
