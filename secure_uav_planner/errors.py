@@ -55,13 +55,13 @@ class PlanningError(Exception):
 
     def add_path(self, *path: str | int, owner: str = '') -> None:
         """
-        Put a path in front of `place`, and in front of the message until it names a field.
+        Put a path in front of `place`, and in front of a message that is not whole.
 
-        'is 5' becomes 'vertices[0] is 5' by add_path(0) and add_path('vertices'). A path that is
-        added later goes in front of `place` only.
+        A message is whole after a path that begins with the name of a field: 'is 5' becomes
+        '[0] is 5' by add_path(0), and then 'vertices[0] is 5' by add_path('vertices').
 
         :param path: path of the value whose part has the error.
-        :param owner: name of the object that has the field; it always precedes the message.
+        :param owner: text to put in front of any message, such as 'relay.' or 'feature 2: '.
         """
         self.place = (*path, *self.place)
         if self._subject is not None:

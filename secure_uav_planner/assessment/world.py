@@ -197,6 +197,7 @@ def draw_sights(scenario: Scenario, positions: Array, distance: float, draws: in
 
     :param positions: positions of the UAVs at the points 1..N, (U, N, 2) in m.
     :param distance: way in m between new numbers; 0 for new numbers in each slot.
+    :param draws: D, the number of independent draws.
     """
     rng = make_stream(seed, _SIGHT)
     receivers = len(scenario.ground_nodes) + len(scenario.eavesdroppers)

@@ -360,7 +360,7 @@ def find_start(scenario: Scenario, deadline: Deadline, objective: str,
 
 
 def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
-    """Minimise the dual function at falling temperatures [nats], with rounds at each."""
+    """Minimise the dual function at falling temperatures [nats], with rounds of steps at each."""
     for tau, rounds in schedule:
         for _ in range(rounds):
             search.raise_if_over()

@@ -48,7 +48,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 @contextmanager
 def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
-    """Put `path` into an OSError that names no file, as for a full disk, or the file `part`."""
+    """Put `path` into a system error whose filename is missing (a full disk) or is `part`."""
     try:
         yield
     except OSError as error:

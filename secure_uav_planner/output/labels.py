@@ -58,10 +58,11 @@ class MapLabels:
             self._axes.plot(*line.xy, color=artist.get_color(), linewidth=0.6, zorder=7.5)
 
     def add_into(self, polygon, text, place, **style):
-        """Write a text at a place (2,) inside a polygon if it fits, otherwise beside the place."""
+        """Write a text at a place (2,) if it fits into a polygon, otherwise beside the place."""
         artist = self._write(text, place, **style)
         half = self._measure(artist) / 2
         box = shapely.box(*(place - half), *(place + half))
+        # A text fits if it is in the map and its box juts out of the polygon by at most 3 pt.
         if self._inside.contains(box) and polygon.buffer(3 * self._point).contains(box):
             self._settle(artist, box)
         else:

@@ -93,11 +93,12 @@ class Player:
         Adopt a plan now or later, or refuse it; return False if it is refused or not new.
 
         A plan with the identity of the present one is not new: only its promise is taken over. A
-        plan for other UAVs is refused, and a plan with another start no later than a flown one's.
-        Without a stream of setpoints, a new plan replaces the present one at once. In a stream,
-        only a revision does, a plan with the same start. Any other plan is pending until the
-        present plan reaches the start of the new one, or its own end. A plan whose setpoints would
-        jump is refused. A pause or a lower speed before the splice delays both flights alike.
+        revision has the same start as the present plan. A plan for other UAVs is refused. A plan
+        that starts no later than the last flown plan is refused, unless it is a revision. Without
+        a stream of setpoints, a new plan replaces the present one at once. In a stream, only a
+        revision does. Any other plan is pending until the splice, at which the present plan ends
+        or reaches the start of the new one. A pause or a lower speed before the splice delays the
+        new plan, too. In a stream, a plan whose setpoints would jump is refused.
         """
         new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan

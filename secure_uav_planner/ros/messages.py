@@ -58,9 +58,10 @@ def nanoseconds(stamp: Stamp) -> int:
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> TimeReference:
     """
-    Return a follower's report of the time of its plan, `seconds` from point 0, at a clock's time.
+    Return the message by which a follower reports the time of its plan.
 
-    :param stamp: the clock's time.
+    :param seconds: time of the plan [s] from point 0.
+    :param stamp: time of the clock when the plan was at `seconds`.
     :param follower: name of the follower. `source` is the identity of the plan and this name.
     """
     return _stamped(TimeReference(source=f'{plan.identity} {follower}'.strip(),

@@ -97,7 +97,12 @@ def _find_reported_shift(log: VehicleLog) -> Shift:
 
 
 def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int]) -> Shift:
-    """Return the Shift: median over UAVs of departure in log minus in plan; half of the range."""
+    """
+    Return the Shift by the times at which UAVs leave their starts.
+
+    The shift is the median over UAVs of the time in the log minus the time in the plan. Its
+    uncertainty is half of the range, at least _LEFT_S.
+    """
     times = _sample_times(course)
     planned = course.at(times).positions
     shifts = []

@@ -61,8 +61,8 @@ private:
     struct Function {
         std::size_t number;
         double enough, tolerance, bound, boxes;
-        double best[3];  // The best point that exceeds the incumbent, if one does.
-        bool exceeds;
+        double best[3];  // The best point that exceeds the incumbent, if `exceeds`.
+        bool exceeds;    // Whether the search found a point that exceeds the incumbent of `add`.
     };
 
     // A function that needs a box, and its bound over the parent box.
@@ -114,8 +114,8 @@ private:
         if (next_items_.size() > begin) halve(box, cut, loosest, begin);
     }
 
-    // If the centre of a box is in the reachable set and its value exceeds the incumbent, make
-    // this value the incumbent and the centre the function's best point.
+    // If the centre of a box is in the reachable set and its `value` exceeds the incumbent,
+    // `enough` minus `tolerance`, make the value the incumbent and the centre the best point.
     static void raise_incumbent(Function& function, const Box& box, double value) {
         if (!box.centre_in_set || !(value + function.tolerance > function.enough)) return;
         function.enough = value + function.tolerance;
@@ -194,7 +194,8 @@ void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buf
     tree.search(bound, best);
 }
 
-// Return the value at the centre of a box and the bound over it: for tests.
+// Return a function's value at the centre of a box, and Terms::bound, an upper bound over the box,
+// without a value that is enough: for tests.
 py::tuple bound_box(const Terms& terms, std::size_t function, const py::buffer& centre,
                     const py::buffer& half) {
     expect(function < terms.size(), "function");

@@ -17,7 +17,8 @@ constexpr double NEGLIGIBLE = 1e-10;      // Weight of a column left out of the 
 constexpr double LEAST_LOG = -40.0;       // Log weight of a column left out of the value as well.
 constexpr std::size_t MOST_ENTRIES = 14;  // Largest number of potentials at both edges of a group.
 
-// Columns of a UAV in G groups, C in each. pack_columns in columns.py makes the arguments.
+// C columns in each of G slot groups: a column is a place and a power of one UAV. pack_columns in
+// columns.py makes the arguments.
 class Columns {
 public:
     // Read the arguments. A potential has width_ numbers: u (2), S (3) if quadratic, w (2) if a
@@ -109,17 +110,18 @@ private:
             for (std::size_t j = 0; j < i; ++j) hessian[j * f + i] = hessian[i * f + j];
     }
 
-    // Fill row_ (F) with the derivatives of column c's value by v, the potentials before and after
-    // group g, and the price. The lengths of sum_lengths are left out; add_lengths adds them.
+    // Fill row_ (F) with the derivatives of compute_value(g, c, 0), the value of column c in slot
+    // group g without lengths. The unknowns are the multipliers v of the E eavesdroppers, the
+    // potentials at the edges before and after the group, and the price.
     void fill_row(std::size_t g, std::size_t c) {
         const std::size_t e = eavesdroppers_, column = g * columns_ + c;
         std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
         std::fill(row_.begin() + e, row_.end(), 0.0);
-        double phi[5];
-        fill_monomials(&place_[2 * column], phi);
+        double monomials[5];
+        fill_monomials(&place_[2 * column], monomials);
         for (std::size_t i = 0; i < base_; ++i) {
-            row_[e + i] -= phi[i] / count_[g];
-            row_[e + width_ + i] += phi[i] / count_[g];
+            row_[e + i] -= monomials[i] / count_[g];
+            row_[e + width_ + i] += monomials[i] / count_[g];
         }
         row_[features_ - 1] = -power_[column];
     }
@@ -131,10 +133,11 @@ private:
     };
 
     const double* potential(std::size_t edge) const { return &potentials_[edge * width_]; }
-    // Fill (x, y, x^2 / 2, x y, y^2 / 2), by which u and S enter u . q + q . S q / 2.
-    static void fill_monomials(const double* q, double* phi) {
+    // Fill (x, y, x^2 / 2, x y, y^2 / 2), by which u and S enter u . q + q . S q / 2. Callers use
+    // the first base_ of these: 2 of linear potentials, 5 of quadratic ones.
+    static void fill_monomials(const double* q, double* monomials) {
         const double x = q[0], y = q[1], all[5] = {x, y, x * x / 2, x * y, y * y / 2};
-        std::copy(all, all + 5, phi);
+        std::copy(all, all + 5, monomials);
     }
 
     // The value [nats] of column c of group g: compute_change + lengths + w0 ground + v . leaks,
@@ -152,9 +155,9 @@ private:
     double compute_change(std::size_t g, std::size_t c) const {
         const std::size_t column = g * columns_ + c;
         const double *before = potential(g), *after = potential(g + 1);
-        double sum = 0.0, phi[5];
-        fill_monomials(&place_[2 * column], phi);
-        for (std::size_t i = 0; i < base_; ++i) sum += phi[i] * (after[i] - before[i]);
+        double sum = 0.0, monomials[5];
+        fill_monomials(&place_[2 * column], monomials);
+        for (std::size_t i = 0; i < base_; ++i) sum += monomials[i] * (after[i] - before[i]);
         return sum / count_[g] - price_ * power_[column];
     }
 
@@ -214,23 +217,26 @@ private:
     }
 
     // Add the gradient of sum_lengths(g, c) to row_, and its Hessian times `weight` to `hessian`.
+    // An edge's length is m step r up to a constant, with r = sqrt(|h|^2 + delta^2). Its gradient
+    // by h is m step n with n = h / r, and its Hessian by h is m step / r (I - n n'). Only the
+    // entries of the potentials, from `first` to `last`, change.
     void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
         Length own[2];
         sum_lengths(g, c, own);
-        const std::size_t e = eavesdroppers_, last = features_ - 1;
+        const std::size_t first = eavesdroppers_, last = features_ - 1;
         for (std::size_t edge = 0; edge < 2; ++edge) {
             const Length& length = own[edge];
             if (length.factor == 0.0) continue;
             double row[MOST_ENTRIES];
             apply_chain_rule(g, c, edge, length.n0, length.n1, row);
-            for (std::size_t i = e; i < last; ++i)
-                row_[i] += mean_[edge * groups_ + g] * step_[g] * row[i - e];
-            // I - n n' = t t' + (delta / norm)^2 I with t across n.
+            for (std::size_t i = first; i < last; ++i)
+                row_[i] += mean_[edge * groups_ + g] * step_[g] * row[i - first];
+            // I - n n' = t t' + (delta / r)^2 I with t = (-n1, n0) across n.
             const double factors[3][2] = {
                 {-length.n1, length.n0}, {length.smoothing, 0.0}, {0.0, length.smoothing}};
             for (const auto& a : factors) {
                 apply_chain_rule(g, c, edge, a[0], a[1], row);
-                add_square(hessian, weight * length.factor, row, e, last);
+                add_square(hessian, weight * length.factor, row, first, last);
             }
         }
     }

@@ -93,9 +93,10 @@ public:
         return most;
     }
 
-    // The part of the bound without columns, m(w0 - s) - H(v). Here s is the sum of v, and m(x) is
-    // the largest x log(power) - price * power over powers up to the peak. This fills totals_ for
-    // differentiate_constant.
+    // Return the part of the bound without columns, m(w0 - s) - H(v) [nats], with the sum s of v.
+    // w0 is the multiplier of the log SINR at the ground node. m(x) is the largest x log(power) -
+    // price * power over powers up to the peak. The entropy H(v) is the sum of -t log t over the
+    // rest t = 1 - s and each adversary's sum t of v. Fill totals_ for differentiate_constant.
     double constant(const double* v) {
         double sum = 0.0;
         std::fill(totals_.begin(), totals_.end(), 0.0);

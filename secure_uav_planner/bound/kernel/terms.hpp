@@ -243,19 +243,20 @@ private:
         f.ka = f.kb = 2 / q;
     }
 
-    // Fill E + 2 quadratic upper bounds in a box, by a jammer's place and pi = log p: of -phi(z0)
-    // of the ground node, phi(z_e) of every eavesdropper, and -lam e^pi, the price of the power.
-    // `rho` is half the diagonal of the box in the plane.
+    // Fill a jammer's E + 2 quadratic upper bounds in a box, by its place and pi = log p. They are
+    // of -phi(z0) at the ground node, phi(z_e) at every eavesdropper, and -lam p. phi(z) =
+    // log(1 + e^z) is what jamming takes from the log SINR of a receiver, with the log z of the
+    // jammer's SNR there. lam is the price of power. `rho` is half the box's diagonal in the plane.
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
         // Powers in the box are from watts / more to watts * more.
         const double watts = std::exp(box.centre[2]), more = std::exp(box.half[2]);
         expand_jammed_ground(box, rho, watts, more, parts[0]);
         for (std::size_t e = 0; e < eavesdroppers_; ++e)
-            expand_jammed_leak(box, rho, watts, more, e, parts[e + 1]);
+            expand_leak_reduction(box, rho, watts, more, e, parts[e + 1]);
         const double cost = price_ * watts;
         Expansion& power_cost = parts[eavesdroppers_ + 1];
         power_cost.value = power_cost.gp = -cost;
-        power_cost.kp = -cost / more;
+        power_cost.kp = -cost / more;  // -lam times the least power in the box.
     }
 
     // Fill f, the quadratic upper bound in a box of a jammer's -phi(z0) = -log(1 + y) at the ground
@@ -286,11 +287,12 @@ private:
         f.kb = f.ka;
     }
 
-    // Fill f, the quadratic upper bound in a box of a jammer's phi(z_e) = log(1 + y) at the
-    // farthest place in the disc of eavesdropper e. The SNR y received there is in least..top in
-    // the box. The power is `watts` at the centre, and in the box watts / more to watts * more.
-    void expand_jammed_leak(const Box& box, double rho, double watts, double more, std::size_t e,
-                            Expansion& f) const {
+    // Fill f, the quadratic upper bound in a box of phi(z_e) = log(1 + y), by which jamming lowers
+    // the log SINR at the farthest place in the disc of eavesdropper e. The jammer's SNR y there is
+    // in least..top in the box. The power is `watts` at the centre of the box, and in the box from
+    // watts / more to watts * more.
+    void expand_leak_reduction(const Box& box, double rho, double watts, double more,
+                               std::size_t e, Expansion& f) const {
         const double square = links_->altitude * links_->altitude, width = box.half[2];
         const double received = std::exp(links_->log_gain + links_->log_advantages[e]) * watts;
         const double da = box.centre[0] - links_->places[2 * e];

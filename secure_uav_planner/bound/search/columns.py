@@ -291,11 +291,12 @@ class ColumnPool:
 
     def _select_powers(self, value: Array) -> NDArray[np.intp]:
         """
-        Return the index of the column with the best power at each of K places, then all others.
+        Return indices of the best column at each of K places, then of M columns, (G, K + M).
 
-        :param value: values of the table's columns, k P + p for place k and power p, then values
-            of other columns, (G, K P + others).
-        :return: indices, (G, K + others).
+        The K P columns of the table have P powers at each place: column k P + p has place k and
+        power p. M silent and improved columns follow the table.
+
+        :param value: values of the columns in each slot group, (G, K P + M) in nats.
         """
         groups, places, table = len(value), self._grid.shape[1], self._table.power.shape[1]
         powers = table // places

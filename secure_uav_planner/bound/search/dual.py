@@ -64,7 +64,7 @@ class EdgeTerms:
         :param uav: index of the UAV.
         :param parts: x is the sum of these parts of the UAV's potential, each of two numbers.
         :param factor: factor of each edge, (G + 1,).
-        :param step: the UAV's largest move [units].
+        :param step: the UAV's largest move [units]; it sets the width of the smoothing only.
         """
         vector = np.sum([self._x[:, uav, part] for part in parts], 0)
         delta = self._tau / step
@@ -195,9 +195,11 @@ class Dual:
 
     def _add_first_move(self, terms: EdgeTerms, uav: int, layout: PotentialLayout) -> None:
         """
-        Add the first move's bound with g = u_0 + w_1, see lemma 8 in Potential.
+        Add the first move's bound with g = u_0 + w_1 at the first edge; see lemma 8 in Potential.
 
-        It is step |g|; if A_0 < step, with a velocity given at the start, A_0 |g| + g . d_{-1}.
+        It is step |g|, smoothed by add_lengths. If the velocity at the start is given and the
+        first move differs from the move d_{-1} before the start by at most A_0 < step, it is
+        A_0 |g| + g . d_{-1}, smoothed too.
         """
         region, at_start = self.team.regions[uav], np.eye(len(self.edge_weights))[0]
         parts = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
@@ -240,10 +242,10 @@ class Dual:
 
     def _compute_branches(self, point: DualPoint, differentiate: bool = False) -> BranchTerms:
         """
-        Return the branches: one for each cell, in which the transmitter sends, and silence.
+        Return the branches of a slot of each group: B in which the transmitter sends, and silence.
 
-        The value of a branch is the sum over the UAVs of the smoothed maximum of their columns,
-        and, if the transmitter sends, its terms of v and its power.
+        Each of the B cells has a branch. The value of a branch is the sum over the UAVs of the
+        smoothed maximum of their columns, plus _compute_sending if the transmitter sends.
         """
         terms = BranchTerms(point, differentiate)
         silence = len(self.columns)
@@ -254,9 +256,10 @@ class Dual:
                 self._differentiate_sending(v, point.prices[0], own, terms.gradient[cell],
                                             terms.hessian[cell])
         for uav, columns in enumerate(self.silent):
-            none = np.zeros_like(self.weight), np.zeros_like(point.v[:, 0])
+            # Silent columns have no factors of w0 and v: both are 0, and any cell's v serves.
+            w0, v = np.zeros_like(self.weight), np.zeros_like(point.v[:, 0])
             terms.add_columns(silence, uav, self._select_v(point, silence - 1), pack_columns(
-                self.team, uav, point, columns, *none, self.tau))
+                self.team, uav, point, columns, w0, v, self.tau))
         for cell, parts in enumerate(self.columns):
             for uav, columns in enumerate(parts):
                 terms.add_columns(cell, uav, self._select_v(point, cell), pack_columns(

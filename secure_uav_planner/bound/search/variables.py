@@ -68,7 +68,8 @@ class GroupLayout(NamedTuple):
         """
         Return the indices of the unknowns on which UAV i's columns depend, (E + 2 P + 1,).
 
-        They are a cell's v, whose slice is given, and the UAV's potentials and price.
+        They are, in this order, one cell's v, whose slice is given, the UAV's P numbers of the
+        potential before and P of the potential after the group, and the UAV's price.
         """
         uavs = self.prices.stop - self.prices.start
         own = np.array_split(np.arange(self.before.stop), uavs)[i]

@@ -67,7 +67,12 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
 
 
 def _list_features(path: str | os.PathLike[str]) -> list[tuple[Any, Any, Any]]:
-    """Return (name, content, function that yields the areas in content) of each feature."""
+    """
+    Return (name, content, function that yields the areas in content) of each feature.
+
+    :raises OSError: as read_bytes does.
+    :raises MissionFileError: if the path or the content is wrong, or has too many features.
+    """
     try:
         suffix = Path(checked_path(path)).suffix.lower()
         if suffix not in _FORMATS:

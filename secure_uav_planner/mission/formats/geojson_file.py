@@ -82,14 +82,14 @@ def _list_objects(value: Any) -> Iterator[Mapping[str, Any]]:
 
 
 def _may_begin_with_latitude(crs: Any) -> bool:
-    """Return True for a crs of EPSG, in either order, False for CRS84; refuse any other."""
+    """Return True for EPSG:4326 or EPSG:4979, False for CRS84; refuse any other crs."""
     name = crs
     if isinstance(crs, Mapping):
         name = crs.get('properties')
         if crs.get('type') == 'name' and isinstance(name, Mapping):
             name = name.get('name')
     if isinstance(name, str) and _EPSG.fullmatch(name):
-        return True
+        return True  # Some files have the latitude first, and some the longitude.
     if not isinstance(name, str) or not _CRS84.fullmatch(name):
         raise ScenarioError(f'crs is {quote(name)}; it must be CRS84, EPSG:4326 or EPSG:4979 '
                             '(WGS84): convert the file')

@@ -46,7 +46,8 @@ public:
     const Vectors& moves() const { return moves_; }
 
     // Fill `energies`, (U), of the UAVs on a path, (M, U, 2), as shares of their limits: a UAV's
-    // constant plus the sum of weight * power(|move|^2) over its moves.
+    // constant plus the sum of weight * power(|move|^2) over its S moves. These are the moves of
+    // Simpson's rule: from point to point, and means of two successive ones (limits/energy.py).
     void compute_energies(const double* path, Reals& energies) const {
         energies = constants_;
         visit(path, [&](std::size_t i, Point move, std::size_t uav) {

@@ -95,7 +95,9 @@ void find_energies(const Energies& self, const py::buffer& path, const py::buffe
     std::copy(values.begin(), values.end(), filled.data());
 }
 
-// Make pieces of curves, (M, G), of K control points. `ignored` (M, G, K): which do not vary.
+// Make Pieces: one piece of K control points around each of the M = N + 2 points of a flight, for
+// each of G pairs; struct Pieces says what a pair is. `ignored` (M, G, K): True for control points
+// that are constant, which a limit leaves out.
 Pieces make_pieces(const Vectors& control_points, const py::buffer& ignored) {
     const Array<const bool> flags(ignored, "ignored", control_points.count());
     expect(flags.axes() == 3 && flags.shape(0) == control_points.slots() + 2

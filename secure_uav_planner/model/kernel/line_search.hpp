@@ -26,9 +26,9 @@ public:
     // Return the length of the first trial at which the barrier function, up to rounding, falls by
     // ARMIJO times the expected decrease. Return 0 if no trial does, or once `stop` is true. The
     // trial stays in `x` and `shares`, where `evaluate` evaluates the barrier function. `slope` is
-    // the derivative of the barrier function along the step. First trials stop every power and
-    // every flight at its own limit, which goes much farther than stopping all at the first limit.
-    // Later trials have one length for all variables.
+    // the derivative of the barrier function along the step. The first CLIPPED_TRIALS stop every
+    // power and every flight at its own limit, and so go much farther than to the first limit.
+    // The UNIFORM_TRIALS after them have one length for all variables, within all limits.
     template <typename Evaluate>
     double search(const Iterate& iterate, const Reals& step, const Reals& gradient, double slope,
                   const Constraints<UAVS>& constraints, const std::atomic<bool>& stop,

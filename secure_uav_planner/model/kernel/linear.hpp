@@ -287,20 +287,21 @@ private:
         return is_finite(step, slots_ * width());
     }
 
-    // Fill 1 + R right sides: first minus the gradient, then the dense rows. Variables x are
-    // in right_, (N V + below, 1 + R), and shares in share_right_, (N S, 1 + R).
+    // Fill 1 + R right sides: column 0 with minus the gradient, columns 1 to R with the dense rows,
+    // which couple all slots. right_, (N V + below, 1 + R), has x, and behind it zeros for the
+    // band's `below` columns beyond the last. share_right_, (N S, 1 + R), has the shares.
     template <int ROWS>
     void fill_right_sides(const double* gradient) {
         const int R = row_count<ROWS>();
         const std::size_t columns = slots_ * size(), variables = slots_ * width();
-        const auto fill_row = [&](std::size_t i, double* right) {
+        const auto fill_variable = [&](std::size_t i, double* right) {
             right[0] = -gradient[i];
-            for (int s = 0; s < R; ++s) right[1 + s] = rows[i * R + s];
+            for (int r = 0; r < R; ++r) right[1 + r] = rows[i * R + r];
         };
-        for (std::size_t i = 0; i < columns; ++i) fill_row(i, &right_[i * (1 + R)]);
+        for (std::size_t i = 0; i < columns; ++i) fill_variable(i, &right_[i * (1 + R)]);
         std::fill(right_.begin() + columns * (1 + R), right_.end(), 0.0);
         for (std::size_t i = columns; i < variables; ++i)
-            fill_row(i, &share_right_[(i - columns) * (1 + R)]);
+            fill_variable(i, &share_right_[(i - columns) * (1 + R)]);
     }
 
     // Forward substitution of the shares: subtract the right sides of each eliminated share, times

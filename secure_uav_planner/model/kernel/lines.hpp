@@ -13,7 +13,8 @@
 namespace kernel {
 
 // The pieces of curves of G pairs, one piece of K control points around each of M points. A pair is
-// a UAV and an obstacle, or two UAVs; the curve of two UAVs is the difference of their positions.
+// a UAV and an obstacle, a UAV and a side of the fence, or two UAVs. The curve of two UAVs is the
+// difference of their positions.
 struct Pieces {
     Vectors control_points;     // (M, G, K).
     std::vector<char> ignored;  // Control points that do not vary, (M, G, K).
@@ -213,9 +214,10 @@ private:
         return line;
     }
 
-    // Return the tangent of a convex polygon that separates it from a piece, with the largest
-    // clearance of the piece: its normal is the vector from the polygon's point nearest to the
-    // piece to the piece's nearest point. If both overlap or touch, return minimise_shift's line.
+    // Return the tangent of a convex polygon that separates it with the largest clearance from a
+    // piece, the convex hull of K <= 3 control points. The tangent's normal is the shortest vector
+    // from the polygon to the piece, found over all pairs of an edge of one and a vertex of the
+    // other. If both overlap or touch, return the tangent that needs the least shift of the piece.
     Line separate(const Point* piece, const Point* polygon) const {
         Point nearest{};
         double least = INFINITE;

@@ -1,8 +1,8 @@
 // The objective with several ground nodes: to maximise the least of the nodes' weighted means.
 //
 // The weighted mean of a node is (offset + mean over the slots of share (rate - leak)) / weight.
-// The least of these means is smoothed: it is the maximum over eta of eta + mu sum log(mean - eta).
-// The barrier function has N times this maximum, with the sign changed.
+// The least of these means is smoothed: it is the maximum over eta of
+// eta + mu sum log((mean - eta) / mu). The barrier function has minus N times this maximum.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +25,7 @@ public:
           size_(3 * problem.uavs), rate_unit_(problem.rate_unit),
           gradients_(slots_ * nodes_ * size_), changes_(nodes_) {}
 
-    // N times each node's offset over its weight, (G).
+    // Return N offset / weight of each node, (G): the part of N times its mean without shares.
     Reals sum_offsets() const {
         Reals sums(offsets_);
         for (int k = 0; k < nodes_; ++k) sums[k] *= double(slots_) / weights_[k];
@@ -33,9 +33,9 @@ public:
     }
 
     // Return -N times the smoothed least mean, max over eta of eta + mu sum log((mean - eta) / mu).
-    // Set here.node_slacks to mean - eta of each node at the best eta. The mean of a node is
-    // (offset + mean over the slots of share (rate - leak)) / weight, and here.node_rates, (N, G),
-    // are (rate - leak) / weight. `shares` are (N, G).
+    // Set here.node_slacks to mean - eta of each node at the best eta, which is below all means.
+    // The mean of a node is (offset + mean over the slots of share (rate - leak)) / weight. Both
+    // `shares` and here.node_rates, which are (rate - leak) / weight, are (N, G).
     double evaluate(const double* shares, double mu, Evaluation& here) const {
         Reals& slacks = here.node_slacks;
         slacks = sum_offsets();
@@ -88,9 +88,10 @@ public:
         }
     }
 
-    // Fill the nodes' G dense rows of the linear system and their ratios slack / (N dual). A row is
-    // the gradient of a node's mean minus the mean of all nodes' gradients with weights 1 / ratio,
-    // because eta is eliminated. Node k's entry for variable i is rows[i R + k].
+    // Fill the nodes' G dense rows of the linear system and their ratios slack / (N dual). Row k is
+    // the gradient of node k's weighted mean, which `evaluate` defines, minus an average of all
+    // nodes' gradients with the weights 1 / ratio; this eliminates eta. The variables are x and in
+    // each slot S = G - 1 shares. Node k's entry for variable i is rows[i R + k].
     void fill_rows(const Iterate& iterate, int R, double* rows, double* ratios) const {
         const int G = nodes_, V = size_, S = G - 1;
         double total = 0.0;
@@ -99,26 +100,27 @@ public:
                 iterate.evaluation.node_slacks[k] / (double(slots_) * iterate.node_duals[k]);
             total += 1.0 / ratios[k];
         }
-        const auto centre = [&](double* row) {
-            double mean = 0.0;
-            for (int k = 0; k < G; ++k) mean += row[k] / ratios[k];
-            for (int k = 0; k < G; ++k) row[k] -= mean / total;
+        const auto centre = [&](double* entries) {
+            double average = 0.0;
+            for (int k = 0; k < G; ++k) average += entries[k] / ratios[k];
+            for (int k = 0; k < G; ++k) entries[k] -= average / total;
         };
         for (std::size_t n = 0; n < slots_; ++n) {
-            const double* rates = &iterate.evaluation.node_rates[n * G];
+            const double* weighted_rates = &iterate.evaluation.node_rates[n * G];
             for (int j = 0; j < V; ++j) {
-                double* row = rows + (n * V + j) * R;
+                double* entries = rows + (n * V + j) * R;
                 for (int k = 0; k < G; ++k)
-                    row[k] = iterate.shares[n * G + k] * gradients_[(n * G + k) * V + j]
+                    entries[k] = iterate.shares[n * G + k] * gradients_[(n * G + k) * V + j]
                         / double(slots_);
-                centre(row);
+                centre(entries);
             }
+            // A variable share of node 1 + s takes from node 0's share, 1 minus the variable ones.
             for (int s = 0; s < S; ++s) {
-                double* row = rows + (slots_ * V + n * S + s) * R;
-                std::fill(row, row + G, 0.0);
-                row[0] = -rates[0] / double(slots_);
-                row[1 + s] = rates[1 + s] / double(slots_);
-                centre(row);
+                double* entries = rows + (slots_ * V + n * S + s) * R;
+                std::fill(entries, entries + G, 0.0);
+                entries[0] = -weighted_rates[0] / double(slots_);
+                entries[1 + s] = weighted_rates[1 + s] / double(slots_);
+                centre(entries);
             }
         }
     }

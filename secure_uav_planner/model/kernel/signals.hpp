@@ -115,12 +115,12 @@ private:
         return u ? radius : -radius;
     }
 
-    // Set `distance` to d, the horizontal distance of UAV u at (x[1], x[2]) from receiver k in slot
-    // n, and `squared` to the guarantee's ([d + edge]^+)^2. `edge` is -radius of the eavesdropper's
-    // disc for the transmitter (nearest place) and +radius for a jammer (farthest place). For a
-    // jammer `distance` is sqrt(d^2 + soft), without a kink at d = 0, and `squared` becomes d^2 +
-    // edge (2 distance + edge). With edge 0, `distance` is 0 and `squared` d^2. If the gain has a
-    // kink at d = 0, soft is added to `squared`.
+    // Set `squared` to the guarantee's squared distance ([d + edge]^+)^2, with the horizontal
+    // distance d of UAV u, at (x[1], x[2]), from receiver k in slot n. `edge` is -radius of the
+    // receiver's disc for the transmitter (nearest place), and +radius for a jammer (farthest).
+    // Set `distance` to d, or to 0 if `edge` is 0. `soft`, a squared length, rounds two kinks at
+    // d = 0. For a jammer `distance` is sqrt(d^2 + soft), and `squared` is d^2 + 2 edge distance +
+    // edge^2. If the gain has a kink itself (KINKED), `soft` is then added to `squared`.
     void find_guaranteed_distance(const double* x, std::size_t n, int k, int u, double soft,
                                   double& distance, double& squared) const {
         const double* place = position(n, k);

@@ -42,20 +42,22 @@ def measure_energies(scenario: Scenario, positions: Array) -> Array:
     """
     Return the energy of each UAV's flight, (U,) in J, 0 for a UAV without a propulsion.
 
+    In the slot around a point, the velocity changes from the move before to the move after it.
+
     :param positions: points of the flights, (U, N+2, 2) in m, for any N. All UAVs have a limit of
         acceleration.
     """
     step = scenario.slot_duration * (scenario.slots + 1) / (positions.shape[1] - 1)
     velocities = add_end_moves(np.diff(positions, axis=1) / step, scenario.end_velocities)
-    return np.asarray(integrate_powers(
+    return np.asarray(integrate_powers(  # The sum is over hovering and flying.
         scenario.uavs, velocities[:, :-1], velocities[:, 1:], step).sum(axis=1))
 
 
 def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Uav, ...]:
     """
-    Return the UAVs with the rest of max_energy after the beginning of their flights.
+    Return the UAVs with max_energy less the energy of the beginning of their flights.
 
-    A rest is at least the smallest max_energy that a Uav may have.
+    The new max_energy is at least the smallest one that a Uav may have.
 
     :param positions: points of the beginning, (U, >= point + 1, 2) in m.
     :param point: index of the first point of the rest of the flight. The beginning ends half a
@@ -65,7 +67,7 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
         return scenario.uavs
     velocities = add_end_moves(np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration,
                                scenario.end_velocities)
-    energies = integrate_powers(
+    energies = integrate_powers(  # The sum is over hovering and flying.
         scenario.uavs, velocities[:, :-2], velocities[:, 1:-1], scenario.slot_duration).sum(axis=1)
     least = find_range(Uav, 'max_energy').low
     return tuple(uav if uav.max_energy is None else replace(

@@ -61,10 +61,11 @@ class ControlPoints:
 
     def _close_ends(self) -> None:
         """
-        Replace the points q[-1] and q[N+2], which are no points of the flight.
+        Express q[-1] and q[N+2], which are no points of the flight, by points of the flight.
 
-        They are q[0] - v_start ts and q[N+1] + v_goal ts. With a free velocity they continue the
-        nearest move: q[-1] = 2 q[0] - q[1]. Their weights are passed on to points of the flight.
+        They are q[0] - v_start ts and q[N+1] + v_goal ts, with both v = 0 if acceleration is not
+        limited. With a free velocity they continue the nearest move: q[-1] = 2 q[0] - q[1]. The
+        weights of q[-1] and q[N+2] in control points go to q[0], q[1], q[N], q[N+1], `constant`.
         """
         velocities = self.grid.scenario.end_velocities
         if not self.grid.scenario.limits_acceleration:

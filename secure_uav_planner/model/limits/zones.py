@@ -58,11 +58,12 @@ class ZoneLimit(LineLimit):
     """
 
     def __init__(self, grid: Grid) -> None:
-        """Give each UAV with obstacles lines to its nearest obstacles, at most MOST_LINES."""
+        """Give the same number of lines, at most MOST_LINES, to every UAV with obstacles."""
         outlines = {uav: [obstacle.vertices for obstacle in obstacles]
                     for uav, obstacles in enumerate(grid.airspace.obstacles) if obstacles}
         polygons = _stack_polygons(list(outlines.values()))
-        # Every UAV with obstacles has the same number of lines.
+        # The kernel chooses the nearest obstacles. A UAV with fewer obstacles than another one has
+        # its obstacles again, so that several lines may be to one obstacle.
         lines = min(polygons.shape[1], MOST_LINES)
         super().__init__(grid, np.repeat(list(outlines), lines))
         self._polygons: Array = (polygons - grid.origin) / grid.length

@@ -73,12 +73,13 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
 
 
 def improve_warm(driver: SolverDriver) -> Status:
-    """Improve an incumbent within its limits of energy from its own iterate, in several ways."""
+    """Improve an incumbent within its limits of energy by several searches from one start."""
     incumbent, grid = driver.incumbent, driver.grid
+    # Every search starts at the incumbent of this moment, moved strictly inside the limits.
     x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, ENERGY.share,
                                driver.raise_if_over)
     status: Status = 'converged'
-    for mu, price in ENERGY.as_they_are:  # Each search begins at x; the last status is returned.
+    for mu, price in ENERGY.as_they_are:  # First barrier parameter and price of a search.
         status = (driver.finish(driver.build_solver(grid, x[None], mu, price))
                   if incumbent.objective == 'guaranteed' else
                   improve_from_start(driver, x, mu, price))
@@ -88,7 +89,7 @@ def improve_warm(driver: SolverDriver) -> Status:
 def find_within_energy(driver: SolverDriver) -> Status:
     """Try plans of (P2) with direct flights and loiter circles; return 'converged' in any case."""
     search, incumbent = _drive_guaranteed(driver), driver.incumbent
-    _advance(search, search.grid, _circle_directly(driver, incumbent.powers))
+    _advance(search, search.grid, _circle_reference_flights(driver, incumbent.powers))
     if math.isfinite(search.incumbent.rate):
         incumbent.try_improve(search.incumbent.positions, search.incumbent.useful_powers)
     return 'converged'
@@ -189,11 +190,11 @@ def _generate_starts(driver: SolverDriver, unlimited: Sequence[Incumbent],
             circled = add_circles(driver.incumbent.scenario, positions, *circle)
             if not np.array_equal(circled, positions):
                 yield _Start(circled, powers, beginning)
-    yield from _circle_directly(driver, unlimited[0].powers)
+    yield from _circle_reference_flights(driver, unlimited[0].powers)
 
 
-def _circle_directly(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
-    """Yield a start for each of CIRCLES: the grid's reference flights, circling all the way."""
+def _circle_reference_flights(driver: SolverDriver, powers: Array) -> Iterator[_Start]:
+    """Yield a _Start for each of CIRCLES: reference flights with such circles all the way."""
     for circle in CIRCLES:
         circled = add_circles(driver.incumbent.scenario, driver.grid.reference_flight, *circle,
                               slow=math.inf)

@@ -89,13 +89,14 @@ class _Exchange:
 
     def __init__(self, driver: SolverDriver, grid: Grid, x: Array, mu: float,
                  prices: float | Array = DESCENT.first_price) -> None:
+        # The tolerance and all rates of this class are in nats.
         self.grid, self._tolerance = grid, EXCHANGE.worse * grid.rate
         self._places = WorstPlaces(grid, x)
         self._solver = InteriorPointSolver(
             grid, x[None], mu, driver.raise_if_over, self._places.receivers, self._places.discs,
             prices)
         self.best, self.rate = x, 0.0 if self._solver.over.any() else self._places.rate
-        # The proof of a worst case pays only for iterates that seem better than the incumbent.
+        # Iterates are proposed only above this rate, because the proof of a worst case takes time.
         self._proposed = driver.incumbent.rate * np.log(2)
         self._last_steps = 0  # Number of steps with the last barrier parameter.
 

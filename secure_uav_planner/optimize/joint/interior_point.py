@@ -261,7 +261,8 @@ class SolverDriver:
 
 def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
                    x: Array) -> dict[str, Any]:
-    """Return the kernel's problem, by the names of core.pyi; energies are exact at x (N, U, 3)."""
+    """Return the `arguments` of core.InteriorPointSolver, which core.pyi explains."""
+    # Energies are by Simpson's rule, plus constants that make them exact at x (N, U, 3).
     limits = [limit.compiled for limit in build_limits(grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,

@@ -138,9 +138,10 @@ class PlanTracking:
 
     def _lateness(self, flight: Flight, times_ns: tuple[int, int] | None = None) -> float:
         """
-        Return the delay [s] of a flight, at a report, behind its promise's schedule; < 0 if early.
+        Return the delay [s] of a flight behind the schedule of its promise; < 0 if early.
 
-        :param times_ns: a report, (clock's time, start_ns + plan's time) in ns; None for the last.
+        :param times_ns: the clock's time, and start_ns plus the plan's time, in a report of the
+            follower [ns]. By default they are taken from its last report.
         """
         clock_ns, plan_ns = times_ns or (self._followed.last_ns, self._followed.plan_ns)
         start_ns = start_of(flight.playback.plan)
@@ -150,9 +151,9 @@ class PlanTracking:
         """
         Return the plan in flight with an ended promise, or None if its promise does not end now.
 
-        The promise ends if the flight is early or late by more than PUNCTUAL [s]. The receivers
-        that move are then not where the promise takes them to be. The returned plan is tracked
-        in place of the plan in flight.
+        In a plan with a promised_until, moving receivers are predicted for a schedule of the
+        flight. The promise ends if the flight is over PUNCTUAL [s] early or late for the schedule.
+        The returned plan replaces the plan in flight among the tracked plans.
         """
         flight = self.flight(now)
         if flight is None or not flight.is_reported or flight.state == 'ended':
@@ -162,7 +163,8 @@ class PlanTracking:
             return None
         time = flight.time
         if self._followed.identity == plan.identity:
-            # The promise ended at the first report that was early or late, not at this check.
+            # The flight left its schedule at the first of the last unpunctual reports in a row.
+            # The promise ends before the slot that was flown then.
             left_ns = self._followed.find_departure(
                 lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
             time = (left_ns - start_of(plan)) * 1e-9
@@ -340,9 +342,10 @@ class PlanTracking:
 
     def observe(self, settings: PlannerSettings, now: float) -> None:
         """
-        Add the measured positions to the achieved rates, and each state to its UAV's watch.
+        Add the present positions to the achieved rates, and each known state to its UAV's Watch.
 
-        The rates include only times at which the state of every UAV is known.
+        By its last states, a Watch judges whether the UAV is held. The rates include only times at
+        which the state of every UAV is known.
         """
         flight = self.flight(now)
         for name in settings.uavs:
@@ -352,7 +355,7 @@ class PlanTracking:
         offsets = self._offsets(flight, settings, now)
         if flight is None or len(offsets) < len(settings.uavs):
             return
-        # Each measured offset from the plan, (U, 2) in m, is taken to be the present one.
+        # States are older than `now`, so the offsets from the plan are taken to be unchanged.
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
         self._achieved.add(flight.playback, flight.time, positions, flight.time_scale)
 

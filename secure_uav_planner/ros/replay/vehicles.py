@@ -71,6 +71,7 @@ class Vehicles:
 
     def _distance(self, name: str, index: int, flight: Flight, flight_ns: int) -> float:
         """Return a UAV's horizontal distance [m] from its plan when its odometry was measured."""
+        # Computed once for each message. `flight` is as it was at the clock's time flight_ns.
         received, message = self._odometry[name]
         if name not in self._distances or self._distances[name][0] is not message:
             stamp, point = nanoseconds(message.header.stamp), message.pose.pose.position
