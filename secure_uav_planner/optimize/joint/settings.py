@@ -169,7 +169,7 @@ class _Starts(_Numbers):
     way_places: int = 128
     # Distances of these random places from the ground node, log-uniform [mean altitudes].
     way_distance: Range = (0.03, 4.0)
-    visiting: float = 1.5  # Ratio of numbers of starts with several ground nodes and with one.
+    visiting: float = 2.0  # Ratio of numbers of starts with several ground nodes and with one.
     # Barrier parameter of starts that visit ground nodes, in shares of their rates.
     visit_mu: float = 0.03
     # Least barrier parameter of starts that visit ground nodes: a node may have no rate.
@@ -222,7 +222,7 @@ class _VisitSearch(_Numbers):
     """Random changes of visits, before any Newton step."""
 
     drawn: int = 2  # Number of random visits for each start that is asked for.
-    changes: int = 50  # Changes that are tried for each random visit.
+    changes: int = 60  # Changes that are tried for each random visit.
     # Changes that are tried for each random visit while few starts serve all nodes.
     most_changes: int = 240
     served: float = 1e-3  # Estimate [bit/s/Hz] from which a start is taken to serve all nodes.

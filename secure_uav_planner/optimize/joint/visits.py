@@ -7,7 +7,7 @@ improves such starts.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from .settings import VISITS
 from ...mission.scenario import Array, Scenario
 from ...model.channel import guaranteed_node_rates
 from ...model.grid import Grid
+
+Complex: TypeAlias = NDArray[np.complex128]
+"""Vectors x + i y [m], because NumPy has no faster product and length of vectors."""
 
 
 class Visits(NamedTuple):
@@ -155,34 +158,43 @@ def _keep_in_reach(scenario: Scenario, places: Array, times: Array, share: Array
     :param times: time at which each place is passed, in s, with a last axis of length 1 or U.
     :param share: allowed speed over max_speed, in a shape that broadcasts with (..., U).
     """
-    total = scenario.times[-1]
-    straight = scenario.starts + (times / total)[..., None] * (scenario.goals - scenario.starts)
-    speeds = np.maximum(share * scenario.max_speeds, np.linalg.norm(
-        scenario.goals - scenario.starts, axis=-1) / total)
-    offsets, scale = places - straight, np.ones(places.shape[:-1])
-    for end, time in ((scenario.starts, times), (scenario.goals, total - times)):
+    total, place = scenario.times[-1], _to_complex(places)
+    start, goal = _to_complex(scenario.starts), _to_complex(scenario.goals)
+    straight = start + (times / total) * (goal - start)
+    speeds = np.maximum(share * scenario.max_speeds, np.abs(goal - start) / total)
+    offsets, scale = place - straight, np.ones(place.shape)
+    for end, time in ((start, times), (goal, total - times)):
         scale = np.minimum(scale, _find_scale(straight - end, offsets, speeds * time))
-    return straight + scale[..., None] * offsets
+    return _to_real(straight + scale * offsets)
 
 
-def _find_scale(vectors: Array, offsets: Array, reach: Array) -> Array:
+def _to_complex(vectors: Array) -> Complex:
+    """Return vectors (..., 2) as complex numbers x + i y, (...)."""
+    return np.ascontiguousarray(vectors).view(complex)[..., 0]
+
+
+def _to_real(vectors: Complex) -> Array:
+    """Return complex numbers x + i y, (...), as vectors (..., 2)."""
+    return np.ascontiguousarray(vectors)[..., None].view(float)
+
+
+def _find_scale(vectors: Complex, offsets: Complex, reach: Array) -> Array:
     """
     Return the largest scale s >= 0, (...), with |vector + s offset| <= reach.
 
-    :param vectors: vectors (..., 2) that are not longer than reach, (...).
-    :param offsets: offsets (..., 2), for which s is very large if they are 0.
+    :param vectors: complex vectors (...) that are not longer than reach, (...).
+    :param offsets: complex offsets (...), for which s is very large if they are 0.
     """
-    square = np.maximum((offsets**2).sum(axis=-1), 1e-9)
-    half = (vectors * offsets).sum(axis=-1) / square
-    rest = np.maximum(reach**2 - (vectors**2).sum(axis=-1), 0.0) / square
+    square = np.maximum(np.abs(offsets)**2, 1e-9)
+    half = (vectors * offsets.conj()).real / square
+    rest = np.maximum(reach**2 - np.abs(vectors)**2, 0.0) / square
     return np.asarray(np.sqrt(half**2 + rest) - half)
 
 
-def _move_towards(points: Array, targets: Array, lengths: Array) -> Array:
-    """Return points (..., 2) moved towards targets (..., 2), each by at most its length (...)."""
+def _move_towards(points: Complex, targets: Complex, lengths: Array) -> Complex:
+    """Return complex points (...) moved towards targets (...), each by at most its length (...)."""
     offsets = targets - points
-    scales = np.minimum(1.0, lengths / np.maximum(_measure_lengths(offsets), 1e-9))
-    return np.asarray(points + scales[..., None] * offsets)
+    return points + np.minimum(1.0, lengths / np.maximum(np.abs(offsets), 1e-9)) * offsets
 
 
 def fly_visits(grid: Grid, visits: Visits) -> Array:
@@ -200,34 +212,35 @@ def fly_visits(grid: Grid, visits: Visits) -> Array:
     width = max(math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * grid.slot_duration))
                 for uav in scenario.uavs)
     moves, start = grid.slots + 1 - width, np.arange(len(ends))
-    point = np.repeat(scenario.starts[None], len(start), axis=0)
-    if (_measure_lengths(scenario.goals - scenario.starts) > moves * steps).any():
-        return np.repeat(grid.reference_flight[None], len(start), axis=0)
-    points = [point]
-    for number in range(1, moves + 1):
-        visit = (number / moves > ends[:, :-1]).sum(axis=1)
-        following = visits.places[start, np.minimum(visit + 1, ends.shape[1] - 1)]
-        leaves = number / moves + _measure_lengths(following - point) / (2 * moves * steps) > (
-            ends[start, visit][:, None])
-        target = np.where(leaves[..., None], following, visits.places[start, visit])
+    goal = _to_complex(scenario.goals)
+    points = [np.tile(_to_complex(scenario.starts), (len(ends), 1))]
+    if (np.abs(goal - points[0]) > moves * steps).any():
+        return np.repeat(grid.reference_flight[None], len(ends), axis=0)
+    times = np.arange(1, moves + 1)[:, None] / moves
+    visit = (times[..., None] > ends[:, :-1]).sum(axis=-1)  # Number of the visit, (moves, C).
+    places = _to_complex(visits.places)
+    following = places[start, np.minimum(visit + 1, ends.shape[1] - 1)]
+    rests = 2 * moves * (ends[start, visit] - times)[..., None] * steps
+    for left, here, there, rest in zip(
+            range(moves - 1, -1, -1), places[start, visit], following, rests):
+        point = points[-1]
+        target = np.where(np.abs(there - point) > rest, there, here)
+        moved = _move_towards(point, target, steps)
         # The goal must stay in reach of the moves that are left. The nearest point from which it
         # is may be more than a step away; a step on the straight way to the goal is not.
-        nearest = _move_towards(
-            scenario.goals, _move_towards(point, target, steps), steps * (moves - number))
-        straight = _move_towards(point, scenario.goals, steps)
-        scale = np.minimum(1.0, _find_scale(straight - point, nearest - straight, steps))
-        point = straight + scale[..., None] * (nearest - straight)
-        points.append(point)
-    path = np.pad(np.stack(points, axis=2), ((0, 0), (0, 0), (width, width), (0, 0)), mode='edge')
+        if (np.abs(goal - moved) > left * steps).any():
+            nearest = _move_towards(goal, moved, left * steps)
+            straight = _move_towards(point, goal, steps)
+            offset = nearest - straight
+            moved = straight + np.minimum(
+                1.0, _find_scale(straight - point, offset, steps)) * offset
+        points.append(moved)
+    path = np.pad(_to_real(np.stack(points, axis=2)), ((0, 0), (0, 0), (width, width), (0, 0)),
+                  mode='edge')
     sums = np.cumsum(np.pad(path, ((0, 0), (0, 0), (1, 0), (0, 0))), axis=2)
     flights = (sums[:, :, width + 1:] - sums[:, :, :-width - 1]) / (width + 1)
     flights[:, :, 0], flights[:, :, -1] = scenario.starts, scenario.goals
     return flights
-
-
-def _measure_lengths(offsets: Array) -> Array:
-    """Return the lengths (...) of vectors (..., 2)."""
-    return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
 
 
 def log_uniform(rng: np.random.Generator, ends: tuple[float, float],
