@@ -192,7 +192,7 @@ def _find_scale(vectors: Complex, offsets: Complex, reach: Array) -> Array:
 
 
 def _move_towards(points: Complex, targets: Complex, lengths: Array) -> Complex:
-    """Return complex points (...) moved towards targets (...), each by at most its length (...)."""
+    """Return points (...) moved towards targets (...), each by at most its length (...)."""
     offsets = targets - points
     return points + np.minimum(1.0, lengths / np.maximum(np.abs(offsets), 1e-9)) * offsets
 
