@@ -56,8 +56,9 @@ def wheel(tmp_path_factory):
 
 
 @pytest.mark.parametrize('name, folder', [
-    ('benchmarks', 'benchmarks'), ('examples', 'examples'), ('flown', 'studies/flown'),
-    ('paper', 'studies/paper'), ('docs', 'docs/tools')])
+    ('benchmarks', 'benchmarks'), ('examples', 'examples'), ('docs', 'docs/tools'),
+    *(pytest.param(name, f'studies/{name}', marks=pytest.mark.soak)
+      for name in ('flown', 'paper'))])
 def test_a_target_needs_no_package_of_another_target(name, folder, wheel, tmp_path):
     python = make_environment(name, wheel, tmp_path / 'venv')
     done = subprocess.run([python, '-c', IMPORTS, folder], cwd=ROOT, env=OUTSIDE, text=True,
