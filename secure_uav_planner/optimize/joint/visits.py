@@ -18,7 +18,7 @@ from ...model.channel import guaranteed_node_rates
 from ...model.grid import Grid
 
 Complex: TypeAlias = NDArray[np.complex128]
-"""Vectors x + i y [m], because NumPy has no faster product and length of vectors."""
+"""Vectors x + i y [m]. NumPy measures and scales them in fewer operations than pairs (x, y)."""
 
 
 class Visits(NamedTuple):
