@@ -21,6 +21,11 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
+def find_runs(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the first index of each run of True in a mask, and the one after its last, (R, 2)."""
+    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+
+
 def to_number(value: Any) -> float:
     """Return a number as a float; NaN for anything else, such as '3' or True."""
     kind = getattr(getattr(value, 'dtype', None), 'kind', 'f')  # NumPy's letter for the type.

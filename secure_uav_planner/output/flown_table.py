@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .tables import align
+from ..mission.validation import find_runs
 
 _UAV_ROWS = (
     ('time behind the plan', 's', 'delay_s', 2), ('error, RMS', 'm', 'error_rms_m', 2),
@@ -86,9 +87,8 @@ def _describe_rates(comparison: Any) -> str:
         text += (f': {numbers}{", ..." if len(broken) > 10 else ""}; the worst, slot '
                  f'{worst + 1}, had {shortfalls[worst]:.4f} bit/s/Hz less than planned')
     if not comparison.covered.all():
-        ends = np.flatnonzero(np.diff(np.pad(~comparison.covered, 1).astype(int))) + 1
         text += '\nnot covered: slots ' + ', '.join(
-            f'{first}' if first == after - 1 else f'{first} to {after - 1}'
-            for first, after in ends.reshape(-1, 2).tolist())
+            f'{first + 1}' if first == end - 1 else f'{first + 1} to {end}'
+            for first, end in find_runs(~comparison.covered).tolist())
     source = 'set, by the log' if comparison.flight.powers is not None else "the plan's"
     return f'{text}\npowers: {source}'

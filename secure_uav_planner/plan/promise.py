@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .results import RatedFlight
-from ..mission.scenario import Array
+from ..mission.validation import Array, find_runs
 from ..model.channel.rates import find_least_rate
 
 _ROUNDING = 1e-9  # Tolerance of a time, in slots.
@@ -104,9 +104,9 @@ class Promise:
     @property
     def gaps(self) -> list[tuple[float, float]]:
         """Return the times (begin, end) [s] of each run of slots that are not promised."""
-        step = self.plan.scenario.slot_duration
-        edges = np.flatnonzero(np.diff(np.pad(~self.mask, 1).astype(int))) + 1
-        return [(float(begin), float(end)) for begin, end in edges.reshape(-1, 2) * step]
+        points = find_runs(~self.mask) + 1  # The slot with index n begins at point n + 1.
+        return [(begin, end)
+                for begin, end in (points * self.plan.scenario.slot_duration).tolist()]
 
     @property
     def text(self) -> str:

@@ -87,22 +87,22 @@ class FollowerReports:
         """Time of the plan in the last report in ns."""
         return self._pairs[-1][1]
 
-    def find_departure(self, has_departed: Callable[[int, int], bool]) -> int:
+    def find_first_unpunctual(self, is_unpunctual: Callable[[int, int], bool]) -> int:
         """
-        Return the plan's time [ns] in the first report of the last run of reports that depart.
+        Return the plan's time [ns] in the first of the last unpunctual reports in a row.
 
-        If the last report does not depart, its plan's time is returned. Reports from before the
-        first one about this plan are left out.
+        If the last report is punctual, its plan's time is returned. Reports from before the first
+        one about this plan are left out.
 
-        :param has_departed: tells for the times of the clock and of the plan [ns] whether the
-            flight departs from its schedule.
+        :param is_unpunctual: tells for the times of the clock and of the plan [ns] of a report
+            whether the flight is off its schedule.
         """
-        departure = self.plan_ns
+        first_ns = self.plan_ns
         for clock_ns, plan_ns in reversed(self._pairs):
-            if clock_ns < (self._begin_ns or 0) or not has_departed(clock_ns, plan_ns):
+            if clock_ns < (self._begin_ns or 0) or not is_unpunctual(clock_ns, plan_ns):
                 break
-            departure = plan_ns
-        return departure
+            first_ns = plan_ns
+        return first_ns
 
     def is_current(self, clock_ns: int) -> bool:
         """Return True if a report arrived within SILENCE before a time of the clock [ns]."""

@@ -4,10 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .alignment import find_delay, STEP_S
 from .flight import find_jumps, FlownFlight
-from ...mission.scenario import Array
+from ...mission.validation import Array, find_runs
 from ...model.curve import integrate_powers
 
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
@@ -170,10 +171,9 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
     return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 
 
-def _find_gap(covered: Array) -> float:
+def _find_gap(covered: NDArray[np.bool_]) -> float:
     """Return the longest time [s] without a position; `covered` (K,) is in steps of STEP_S."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
-    return float(max((last - first for first, last in edges.reshape(-1, 2)), default=0) * STEP_S)
+    return float(np.ptp(find_runs(~covered), axis=1).max(initial=0) * STEP_S)
 
 
 def _compute_mean(values: Array) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import (
     describe_error, LogFileError, MissingPackageError, name_missing_package, PlanningError)
-from ...mission.scenario import Array
+from ...mission.validation import Array, find_runs
 from ...plan.tracking import LONGEST_GAP
 
 _BACKWARDS_S = 1.0  # Samples may come in another order within this time.
@@ -152,11 +152,10 @@ def _find_jumps(times: Array, positions: Array) -> list[float]:
 
 def describe_mode(mode: str, times: Array, is_active: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return one note of when a mode was active; is_active[k] holds from times[k] [s] on."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_active, [False]]).astype(int)))
-    if not len(edges):
+    spans = [f'{times[first]:.1f} to {times[min(end, len(times) - 1)]:.1f} s'
+             for first, end in find_runs(is_active)]
+    if not spans:
         return (f'it was never in {mode}',)
-    spans = [f'{times[first]:.1f} to {times[min(last, len(times) - 1)]:.1f} s'
-             for first, last in edges.reshape(-1, 2)]
     return (f'in {mode} from {" and from ".join(spans)} of the log',)
 
 

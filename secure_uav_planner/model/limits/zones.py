@@ -11,7 +11,7 @@ from .lines import LineLimit, Lines
 from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
-from ...mission.scenario import Array
+from ...mission.validation import Array, find_runs
 
 MOST_LINES = 4
 """The most obstacles, the nearest, from which lines separate a piece of a UAV's curve."""
@@ -140,8 +140,7 @@ def _turn_evenly(angles: Array, close: NDArray[np.bool_], opposite: bool) -> Arr
     The turn is the smaller one. If it is above 60 degrees, `opposite` takes the larger one.
     """
     angles = angles.copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))
-    for begin, end in edges.reshape(-1, 2).tolist():
+    for begin, end in find_runs(close).tolist():
         before, after = angles[max(begin - 1, 0)], angles[min(end, len(angles) - 1)]
         change = (after - before + np.pi) % (2 * np.pi) - np.pi
         if opposite and abs(change) > np.pi / 3:

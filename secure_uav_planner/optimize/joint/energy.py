@@ -21,7 +21,8 @@ from .starts import make_strictly_feasible
 from ..incumbent import Incumbent
 from ...errors import InfeasibleMissionError, NumericalError
 from ...mission.fields import raise_all
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Scenario
+from ...mission.validation import Array, find_runs
 from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import measure_energies
 from ...plan.plan import Status
@@ -231,11 +232,9 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
             continue
         away = direction + math.atan2(uav.goal[1] - uav.start[1], uav.goal[0] - uav.start[0])
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
-        hovers = np.concatenate([[False], speeds < slow * uav.max_speed, [False]])
-        ends = np.flatnonzero(np.diff(hovers.astype(int)))
         acceleration = ENERGY.speeding * uav.max_acceleration
-        for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
-            times = np.arange(last - first + 1.0) * step
+        for first, end in find_runs(speeds < slow * uav.max_speed).tolist():
+            times = np.arange(end - first) * step
             # The highest speed at which a whole circle fits into 95 % of the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
                 1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
@@ -247,5 +246,5 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
                 covered[-1] / (2 * np.pi * top**2 / (ENERGY.turning * uav.max_acceleration))))
             angles = sense * covered * (2 * np.pi * turns / covered[-1]) + away
             offsets = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-            flight[first:last + 1] += covered[-1] / (2 * np.pi * turns) * (offsets[0] - offsets)
+            flight[first:end] += covered[-1] / (2 * np.pi * turns) * (offsets[0] - offsets)
     return flights

@@ -163,9 +163,8 @@ class PlanTracking:
             return None
         time = flight.time
         if self._followed.identity == plan.identity:
-            # The flight left its schedule at the first of the last unpunctual reports in a row.
-            # The promise ends before the slot that was flown then.
-            left_ns = self._followed.find_departure(
+            # The promise ends before the slot that was flown when the flight left its schedule.
+            left_ns = self._followed.find_first_unpunctual(
                 lambda *times_ns: abs(self._lateness(flight, times_ns)) > PUNCTUAL)
             time = (left_ns - start_of(plan)) * 1e-9
         ended = plan.end_promise(time)
