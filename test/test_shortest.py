@@ -10,7 +10,8 @@ from nav_msgs.msg import Path
 import pytest
 from ros_client import seconds
 from ros_nodes import wait_for
-from secure_uav_planner import Eavesdropper, NoFlyZone, Plan, Scenario, shortest_duration, solve
+from secure_uav_planner import (
+    Eavesdropper, GroundNode, NoFlyZone, Plan, Scenario, shortest_duration, solve)
 from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
@@ -92,6 +93,30 @@ def test_no_plan_delivers_what_is_refused_without_a_search(scenario):
     plan = solve(scenario)
     if plan.rate > 0:
         check_bits(scenario, plan.rate * scenario.duration)
+
+
+def test_the_duration_where_the_search_begins_may_be_too_long_for_the_battery():
+    scenario = Scenario.paper(400.0, slots=100)
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=3.0, max_energy=22e3) for uav in scenario.uavs))
+    plan = shortest_duration(scenario, 100.0, time_limit=60.0)
+    assert plan.rate * plan.scenario.duration >= 100.0 and plan.scenario.duration < 130.0
+    starving = with_uavs(scenario, max_energy=10.0)
+    with pytest.raises(InfeasibleMissionError):
+        shortest_duration(starving, 100.0)
+
+
+@pytest.mark.parametrize('fields', [
+    # An eavesdropper that leaves the ground node after the duration where the search begins.
+    {'eavesdroppers': (Eavesdropper(track=(
+        (0.0, 0.0, 0.0, 50.0), (120.0, 0.0, 0.0, 50.0), (160.0, 400.0, 0.0, 10.0))),)},
+    # A ground node on which an eavesdropper sits, and whose head start is enough.
+    {'ground_nodes': (GroundNode((0.0, 0.0), 'a'), GroundNode((-300.0, 0.0), 'b')),
+     'eavesdroppers': (Eavesdropper((0.0, 0.0), 30.0),), 'head_starts': (100.0, 0.0),
+     'ground_node': None}])
+def test_a_reason_not_to_deliver_counts_only_if_it_lasts_and_matters(fields):
+    plan = shortest_duration(replace(Scenario.paper(110.0, slots=30), **fields), 20.0)
+    assert plan.rate * plan.scenario.duration >= 20.0
 
 
 def test_a_mission_that_cannot_be_flown_in_any_time_is_refused_as_by_solve():

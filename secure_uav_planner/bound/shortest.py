@@ -77,17 +77,18 @@ def check_bits(scenario: Scenario, bits: float) -> None:
     """
     Refuse bits that provably no flight of a scenario delivers, by formulas without a search.
 
-    None are delivered if explain_silence has a reason. Otherwise node g needs rate_g T +
-    head start_g >= weight_g bits. The sum of the rates is at most log2(1 + SNR) with the
-    transmitter straight above a node at peak power. Bits that pass may still be out of reach.
+    They are refused if explain_silence has a reason for the longest flight. Otherwise node g needs
+    rate_g T + head start_g >= weight_g bits. The sum of the rates is at most log2(1 + SNR) with
+    the transmitter straight above a node at peak power. Bits that pass may still be out of reach.
 
     :raises InfeasibleMissionError: with the place ('bits',).
     """
-    if reason := explain_silence(scenario):
+    longest = find_longest_duration(scenario)
+    slots = round(longest / scenario.slot_duration) if scenario.has_tracks else 1
+    if reason := explain_silence(scenario, bits, slots):
         raise InfeasibleMissionError(f'bits is {bits:g} bit/Hz; {reason}', ('bits',))
     gain = make_link(scenario, 'ground_node').gain(np.zeros((len(scenario.uavs), 1)))[0, 0]
     rate = math.log2(1.0 + gain * scenario.uavs[0].peak_power)
-    longest = find_longest_duration(scenario)
     most = (rate * longest + sum(scenario.head_starts or ())) / sum(scenario.node_weights)
     if bits > most * (1 + 1e-6):
         raise InfeasibleMissionError(
@@ -111,7 +112,7 @@ class _Search:
         self._scenario, self._bits, self._objective = scenario, bits, objective
         self._deadline, self._numbers = deadline, count()
         self._tried = scenario.duration
-        self._refusal: ScenarioError | None = None  # Why the last duration tried was refused.
+        self._refusal: ScenarioError  # Why the last duration that cannot be flown is refused.
         self.last: Plan | None = None
         self.best: Plan | None = None
         # The start of a UAV in motion is given by two points of its path half a slot before and
@@ -164,9 +165,10 @@ class _Search:
         Return a flight that delivers the bits and a shorter duration [s] that does not, or 0.
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
-        flown. Durations grow by the factor `growth`. If a longer duration cannot be flown although
-        a shorter one can, the factor becomes its square root. If no duration that is tried
-        delivers the bits, InfeasibleMissionError is raised.
+        flown. Durations grow by the factor `growth`. If one is too long, since a shorter one can
+        be flown or its energy is above a limit, the factor becomes its square root. Until one is
+        too short, durations that are too long are halved. If no duration that is tried delivers
+        the bits, InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
@@ -175,17 +177,19 @@ class _Search:
             plan = self._plan_flight(duration)
             if self.best is not None:
                 return self.best, low, delivered
-            if plan is not None or delivered is None:
+            is_too_long = plan is None and (
+                delivered is not None or self._refusal.place[-1:] == ('max_energy',))
+            if not is_too_long:
                 low, delivered = duration, None if plan is None else _count_bits(plan)
-            else:
+            elif low:
                 growth = math.sqrt(growth)
             if low >= longest or growth < _LEAST_GROWTH:
-                if self.last is None and self._refusal is not None:
+                if self.last is None:
                     raise self._refusal
                 raise InfeasibleMissionError(
                     f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much',
                     ('bits',))
-            duration = min(growth * low, longest)
+            duration = min(growth * low, longest) if low else duration / _GROWTH
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """

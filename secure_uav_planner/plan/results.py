@@ -40,21 +40,29 @@ _LOWEST_SNR_DB = -30.0  # An SNR [dB] below this carries less than 0.0015 bit/s/
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 
-def explain_silence(scenario: Scenario) -> str:
+def explain_silence(scenario: Scenario, bits: float = 0.0, slots: int | None = None) -> str:
     """
     Say why no plan of a scenario can carry anything in secret, or return an empty string.
 
     An empty string does not mean that a plan can: only two reasons are looked for. In each slot
     the disc of an eavesdropper that receives no worse covers a ground node, or a ground node that
     is not trusted is always where another one is.
+
+    :param bits: delivery [bit/Hz] that is asked for. A ground node whose head start over weight
+        is above it needs nothing, and is left out.
+    :param slots: number of slots to look at; by default the scenario's. More of them have the same
+        length and follow its last one.
     """
-    grounds, centres, radii = scenario.receivers
+    grounds, centres, radii = scenario.receivers if slots is None else scenario.receivers_at(
+        scenario.slot_duration * np.arange(1, slots + 1))
     hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
     # The axes of `covers` are ground nodes, eavesdroppers and slots.
     covers = hears_all[:, np.newaxis] & (
         np.linalg.norm(centres - grounds[:, np.newaxis], axis=-1) <= radii)
     names = scenario.ground_node_names
-    for node, discs in enumerate(covers):
+    heads = np.array(scenario.head_starts or [0.0] * len(names))
+    for node in np.flatnonzero(heads <= bits * scenario.node_weights):
+        discs = covers[node]
         if discs.any(axis=0).all():
             name = scenario.eavesdropper_names[int(discs.sum(axis=1).argmax())]
             label = f' {names[node]}' if len(names) > 1 else ''
