@@ -281,7 +281,8 @@ def test_a_promise_that_has_ended_does_not_come_back_with_a_replan(tmp_path):
     assert Plan.load(tmp_path / 'plan.json') == plan
     assert '8 of 10 slots promised' in rate_table([plan])
     assert any('8 of 10 slots promised' in text.get_text() for text in draw_plan(plan).texts)
-    assert f'{plan.promise.rate:.4f} bit/s/Hz in 8 of 10 slots promised' in repr(plan)
+    assert f'{plan.promise.rate:.4f} bit/s/Hz by ' in repr(plan)
+    assert '; 8 of 10 slots promised; ' in repr(plan)
 
 
 def test_a_promise_that_ends_in_a_gap_leaves_the_slot_of_that_time_unpromised():

@@ -4,9 +4,10 @@ import csv
 from dataclasses import replace
 from importlib.util import find_spec
 import json
+import re
 
 import pytest
-from secure_uav_planner import assess, Channel, fly_hover_fly, Scenario
+from secure_uav_planner import assess, Channel, fly_hover_fly, Scenario, solve
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.summary import draw_figure
 from secure_uav_planner.output.figures import draw_assessment
@@ -40,6 +41,21 @@ def test_the_page_marks_the_slots_in_a_gap_between_promises():
     assert '8 of 10 slots promised' in page.layout.title.text
     assert {(shape.x0, shape.x1) for shape in page.layout.shapes if shape.type == 'rect'} == {
         (30.0, 50.0)}
+
+
+def test_what_is_not_promised_is_assessed_and_told_as_such():
+    plan = replace(solve(Scenario.paper(120.0, slots=12)), bits=1.0)
+    partial = replace(plan, promised_until=60.0)
+    assert plan.message.endswith('for 1 bit/Hz') and '; 6 of 12 slots' in partial.message
+    found = assess(partial, 5)
+    assert found.promised_rate == partial.promise.rate != plan.rate
+    assert found.promised_delivery == pytest.approx(
+        plan.worst_case_rates[:6].sum() * plan.scenario.slot_duration)
+    texts = [assessment_table(found), repr(found), *(text for _, text in texts_of(partial))]
+    assert [bool(re.search('6 of 12 slots', text)) for text in texts].count(False) == 2  # Legends.
+    never = replace(plan, promised_until=0.0)
+    for text in (repr(assess(never, 5)), *(text for _, text in texts_of(never))):
+        assert 'nan' not in text
 
 
 def test_a_channel_promises_with_an_outage_as_in_free_space():

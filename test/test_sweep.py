@@ -116,6 +116,10 @@ def test_from_python_a_campaign_is_a_table_and_goes_on_in_its_folder(folder):
     before = Path('out/results.jsonl').read_bytes()
     assert run_campaign(fields, folder='out').key.tolist() == frame.key.tolist()
     assert Path('out/results.jsonl').read_bytes() == before
+    # Another campaign in this folder has its own fields, also where missions are the same.
+    more = {**fields, 'vary': {**fields['vary'], 'slots': [8, 9]}}
+    frame = run_campaign(more, folder='out', jobs=1)
+    assert sorted(frame.slots) == [8, 8, 8, 8, 9, 9, 9, 9]
     for wrong in ({**fields, 'vary': {'duration': object}}, {'mision': 5}, {}):
         with pytest.raises(ValueError, match='^campaign'):
             run_campaign(wrong)
@@ -174,6 +178,16 @@ plans: true
     assert main([*SWEEP, '--jobs', '1']) == 0
     assert file.exists() and [row['key'] for row in journal()[4:]] == [
         long['key'], unproven['key']]
+
+
+def test_what_is_assessed_and_kept_of_a_baseline_is_the_rate_of_its_row(folder):
+    frame = run_campaign({
+        'mission': Scenario.load('mission.yaml'), 'methods': ['joint', 'fly_hover_fly_optimised'],
+        'objectives': ['guaranteed', 'worst_case'], 'assess': {'draws': 5}, 'plans': True},
+        folder='out', jobs=1)
+    assert frame['assess.promised'].tolist() == pytest.approx(frame.rate.tolist())
+    assert [Plan.load(f'out/plans/{key}.json').objective for key in frame.key] == (
+        frame.objective.tolist())
 
 
 DAMAGES = [b'', b'null', b'[]', b'7', b'{}', b'\0' * 40, b'\xff\xfe', b'[' * 100000,

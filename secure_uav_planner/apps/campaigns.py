@@ -225,7 +225,8 @@ def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
         return None
     lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
         folder, row['key']).exists()
-    return None if lacks_plan else row
+    # An earlier campaign in the folder may have varied other fields, or drawn other samples.
+    return None if lacks_plan else {**row, 'sample': task['sample'], 'fields': task['fields']}
 
 
 def _take_missing(tasks: Iterable[Task], missing: set[str]) -> Iterator[Task]:

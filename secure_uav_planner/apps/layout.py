@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 from .editing import list_handles, Mission, read_field
 from ..mission.propagation import ENVIRONMENTS
 from ..mission.scenario import Scenario
+from ..mission.validation import rate_text
 from ..output.drawing import map_extent, RATE, uav_color
 from ..output.traces import label_charts, LINE_STYLES
 from ..plan.plan import Plan
@@ -199,7 +200,7 @@ def list_rates(plan: Plan, kept: Plan) -> list[html.Div]:
              ('guaranteed', promise.guaranteed_rate, 'solid'))
     caveat = promise.text and f'; {promise.text}'
     shown = [html.Div([
-        html.B(f'{rate:.3f}'), html.I(style={'borderTopStyle': style}),
+        html.B(rate_text(rate, 3)), html.I(style={'borderTopStyle': style}),
         html.Small(f'{channel.rate_name(name)} (bit/s/Hz){caveat}')], className='rate')
         for name, rate, style in rates]
     if plan is not kept:

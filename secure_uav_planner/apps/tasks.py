@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 import hashlib
 from itertools import islice
 import json
@@ -133,6 +134,8 @@ def _solve_task(task: Task) -> Row:
     else:
         power = method.rpartition('_')[2]  # The baseline's power, 'constant' or 'optimised'.
         plan = fly_hover_fly(scenario, power, time_limit=limit)
+    if plan.objective != objective:  # A baseline or the user's own planner does not know it.
+        plan = replace(plan, objective=objective)
     results: Row = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
         'promise': scenario.channel.promise, 'status': plan.status,

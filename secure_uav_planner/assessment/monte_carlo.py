@@ -12,7 +12,7 @@ from .world import draw_fading, draw_places, draw_sights, draw_tracking_errors, 
 from ..errors import name_missing_package, OptionError, quote
 from ..mission.fields import check_argument, Number
 from ..mission.scenario import Array, read_only, Scenario
-from ..mission.validation import checked_array, checked_kind
+from ..mission.validation import checked_array, checked_kind, rate_text
 from ..model.channel.links import make_link
 from ..model.channel.rates import combine_leaks, compute_rate, include_listeners
 from ..plan.plan import Plan
@@ -49,7 +49,7 @@ class Assessment:
     :ivar delivered: bits delivered in secret at the promised rate, in the slots without an outage,
         in each draw, (D,) in bit/Hz.
     :ivar promised_rates: rate of each slot by the plan's objective, at least 0, (N,) in bit/s/Hz;
-        a promise only if the channel gives a guarantee.
+        0 in slots that are not promised. A promise only if the channel gives a guarantee.
     :ivar is_flown: whether positions of a flight are assessed instead of the plan's positions.
     """
 
@@ -67,7 +67,7 @@ class Assessment:
     def __repr__(self) -> str:
         return (f'<Assessment of {self.draws} draws: secrecy rate {self.mean:.4f} bit/s/Hz in the '
                 f'mean, {self.quantile(0.05):.4f} at 5%, {self.quantile(0.5):.4f} at 50%, '
-                f'{self.promised_rate:.4f} {self.claim}; outage of a slot at most '
+                f'{rate_text(self.promised_rate)} {self.claim}; outage of a slot at most '
                 f'{self.outage:.2%}, promised: {self.promised_outage_text}>')
 
     @property
@@ -92,14 +92,23 @@ class Assessment:
 
     @property
     def claim(self) -> str:
-        """Name the kind of the plan's rates: 'promised', or such as 'at mean gains'."""
-        channel = self.plan.scenario.channel
-        return 'promised' if channel.is_guarantee else channel.promise
+        """
+        Name the kind of the plan's rates: 'promised', or such as 'at mean gains'.
+
+        If not all slots are promised, text that says which follows.
+        """
+        channel, promise = self.plan.scenario.channel, self.plan.promise
+        kind = 'promised' if channel.is_guarantee else channel.promise
+        return f'{kind} ({promise.text})' if promise.text else kind
 
     @property
     def promised_rate(self) -> float:
-        """Rate of the plan's objective in bit/s/Hz; a promise only if the channel gives one."""
-        return self.plan.rate
+        """
+        Rate of the plan's objective in the promised slots in bit/s/Hz; NaN without any.
+
+        It is a promise only if the channel gives a guarantee.
+        """
+        return self.plan.promise.rate
 
     @property
     def outage(self) -> float:
@@ -212,7 +221,7 @@ def _check_numbers(draws: Any, seed: Any) -> None:
 def promised_rates(plan: Plan) -> Array:
     """Return the promised rate of each slot by the plan's objective, at least 0, (N,)."""
     rates = plan.guaranteed_rates if plan.objective == 'guaranteed' else plan.worst_case_rates
-    return read_only(np.maximum(rates, 0.0))
+    return read_only(np.where(plan.promised_slots, np.maximum(rates, 0.0), 0.0))
 
 
 def _checked_flown(flown: ArrayLike, plan: Plan, world: World) -> Array:

@@ -57,6 +57,11 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
     return tuple(results)
 
 
+def rate_text(rate: float, digits: int = 4) -> str:
+    """Return a rate as text; 'none' for NaN, the mean rate of no slots."""
+    return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
+
+
 def round_up(value: float, digits: int = 6) -> float:
     """Round up to significant digits, so that a least value told in a message suffices."""
     return _round(value, digits, ROUND_CEILING)

@@ -8,6 +8,7 @@ import shapely
 
 from ..mission import OBJECTIVES
 from ..mission.polygons import convex_parts, offset_polygon
+from ..mission.validation import rate_text
 
 # Black, EAVESDROPPER and _UAVS are Okabe and Ito's colours, distinct for colour-blind readers.
 GROUND_NODE = '#000000'
@@ -94,7 +95,8 @@ def rate_label(plan):
     caveat = '' if channel.is_guarantee else f' {channel.promise}'
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
     promise = plan.promise
-    return (f'{guaranteed} {promise.guaranteed_rate:.3f}, {worst} {promise.worst_case_rate:.3f} '
+    return (f'{guaranteed} {rate_text(promise.guaranteed_rate, 3)}, '
+            f'{worst} {rate_text(promise.worst_case_rate, 3)} '
             f'bit/s/Hz{caveat}' + (promise.text and f'; {promise.text}'))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
+from ..mission.validation import rate_text
 
 COLUMNS = ('uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power',
            *(f'{objective}_rate' for objective in OBJECTIVES))
@@ -31,8 +32,8 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
              for objective in OBJECTIVES)
     rows = [('scheme', *names, 'time', 'below the best'),
             ('', 'bit/s/Hz', 'bit/s/Hz', 's', 'at most')]
-    rows += [(plan.method, f'{plan.promise.guaranteed_rate:.4f}',
-              f'{plan.promise.worst_case_rate:.4f}', f'{plan.solve_time:.2f}', _gap_cell(plan))
+    rows += [(plan.method, rate_text(plan.promise.guaranteed_rate),
+              rate_text(plan.promise.worst_case_rate), f'{plan.solve_time:.2f}', _gap_cell(plan))
              for plan in plans]
     if bound is not None:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
@@ -42,7 +43,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
-        text += f'\n\nrates of {plans[0].promise.text}'
+        text += f'\n\nrates of the promised slots: {plans[0].promise.text}'
     energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:
@@ -81,13 +82,16 @@ def assessment_table(assessment: Any) -> str:
     text = align([_RATE] * 4, (
         (f'of {assessment.draws} draws', 'promised' if is_promise else 'planned', 'mean', '5%',
          '50%'),
-        ('secrecy rate, bit/s/Hz', *(f'{rate:.4f}' for rate in rates)),
+        ('secrecy rate, bit/s/Hz', *map(rate_text, rates)),
         ('delivered, bit/Hz', *(f'{bits:.4f}' for bits in delivered)), ('',),
         ('of all slots', 'promised', 'mean', 'largest'),
         ('outage', assessment.promised_outage_text, *(f'{share:.4%}' for share in outages))))
     if assessment.outage > 0:
         text += f'\n\nlargest outage in {_name_slots(assessment)}'
-    return text if is_promise else f'{text}\n\nplanned {assessment.claim}: no promise'
+    if not is_promise:
+        text += f'\n\nplanned {assessment.plan.scenario.channel.promise}: no promise'
+    promise = assessment.plan.promise.text
+    return text + (promise and f'\n\npromised: {promise}')
 
 
 def _name_slots(assessment: Any) -> str:

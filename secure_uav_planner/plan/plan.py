@@ -21,7 +21,7 @@ from ..mission.fields import (
     number, refuse, TIME)
 from ..mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 from ..mission.tracks import LEFT_OUT
-from ..mission.validation import checked_kind, is_sequence
+from ..mission.validation import checked_kind, is_sequence, rate_text
 from ..model.airspace import Clearance
 from ..model.channel.shares import find_shares
 from ..model.curve import compute_energies, Energy
@@ -172,9 +172,9 @@ class Plan(RatedFlight):
         if self.method == self.status == 'given':
             origin = STATUS_TEXTS['given']
         promise = self.promise
-        return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} {promise.rate:.4f} '
-                f'bit/s/Hz {promise.text and f"in {promise.text} "}{origin}; '
-                f'UAVs: {len(self.scenario.uavs)}, '
+        return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} '
+                f'{rate_text(promise.rate)} bit/s/Hz {origin}; '
+                f'{promise.text and promise.text + "; "}UAVs: {len(self.scenario.uavs)}, '
                 f'slots: {self.scenario.slots}{self.claim and "; " + self.claim}>')
 
     def __eq__(self, other: object) -> bool:
@@ -206,6 +206,7 @@ class Plan(RatedFlight):
             if self.too_short is not None:
                 proven = math.floor(10 * self.too_short) / 10
                 text += f', and no flight of {proven:.1f} s does, which is proven'
+            text += self.promise.text and f'; {self.promise.text}'
         if self.powers[0].any() and self.rate >= _LEAST_RATE:
             return text
         served = (self.node_rates + self.scenario.node_offsets

@@ -32,11 +32,6 @@ def find_promised_slots(plan: RatedFlight) -> Mask:
     return promised
 
 
-def rate_text(rate: float, digits: int = 4) -> str:
-    """Return a rate as text; 'none' for NaN, the mean rate of no slots."""
-    return 'none' if math.isnan(rate) else f'{rate:.{digits}f}'
-
-
 def _select_slots(rates: Array, mask: Mask) -> Array:
     """
     Return the columns of rates (G, N) that a mask (N,) selects; `rates` itself if it has all True.

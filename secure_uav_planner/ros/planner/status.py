@@ -12,9 +12,9 @@ from rclpy.node import Node
 from ..planner_status import (
     ApproachStatus, EnergyStatus, OutcomeStatus, PlannerStatus, PlanStatus, ProgressStatus)
 from ...errors import brief, describe_error, PlanningError, StoppedError
+from ...mission.validation import rate_text
 from ...model.airspace.clearance import Approach
 from ...plan.plan import Iteration, Plan
-from ...plan.promise import rate_text
 from ...plan.results import Bound
 
 _LONGEST_REASON = 4000  # Largest number of characters of a refusal's reason.
