@@ -112,6 +112,7 @@ def test_a_function_of_ones_own_is_a_scheme(missions, tmp_path, monkeypatch):
             ('vary: 7', 'vary is 7'), ('vary: {uavs.7.altitude: [1]}', 'no field'),
             ('vary: {uavs.².altitude: [1]}', 'no field'),
             ('vary: {duration: []}', 'must be a list of values'),
+            ('vary: {uavs.0.altitude: [90], uavs.*.altitude: [80]}', 'set the same field'),
             ('vary: {duration: {from: 1, to: 2, count: 1000000000}}', 'from 1 to 1000000'),
             ('vary: {duration: {from: 1, to: x, count: 3}}', 'from 1 to 1000000'),
             ('vary: {duration: {uniform: [2, 1]}}', 'the first at most'),

@@ -7,6 +7,8 @@ import random
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
 from secure_uav_planner import (
     assess, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario,
     solve, World)
@@ -17,7 +19,7 @@ from secure_uav_planner.model.curve import GAUSS_LEGENDRE
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_uavs
 from studies.flown.logs import (
-    fly, write_bag, write_csv, write_dataflash, write_telemetry, write_tum, write_ulog)
+    fly, STORE, write_bag, write_csv, write_dataflash, write_telemetry, write_tum, write_ulog)
 
 DELAY, OFFSET = 0.3, 0.8
 START_NS = 1_795_743_002_000_000_000
@@ -260,6 +262,12 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     out, _ = command(*words, tmp_path / 'short.csv', '--json', status=3)
     assert 0.5 < json.loads(out)['coverage'] < 0.7
     command(*words, tmp_path / 'none.csv', status=2)
+    # Numbers as JSON need no picture, which could not be written here.
+    (tmp_path / 'json.flown.png').mkdir()
+    plan.save(tmp_path / 'json.json')
+    command('assess', tmp_path / 'json.json', *words[2:], tmp_path / 'short.csv', '--json',
+            status=3)
+    assert '--json is for a flight' in command('assess', words[1], '--json', status=2).err
     _, err = command(*words, source, '--shift', 'uav1=1,2', 'uav1=3,4', status=2)
     assert "'uav1=3,4'; it must be UAV=X,Y in m, once for each UAV" in err
 
@@ -324,6 +332,38 @@ def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, flight,
         compare(plan, read_flight(tmp_path / 'bag', later))
 
 
+def test_of_several_teams_in_a_bag_the_one_that_flies_the_plan_counts(plan, flight, tmp_path):
+    silent = replace(plan, powers=0.0 * plan.powers)
+    far = replace(flight, positions=flight.positions + 1000.0, powers=0.0 * flight.powers,
+                  plan=silent)
+    for team, track in (('alpha', far), ('bravo', flight)):
+        write_bag(track, tmp_path / team)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for team in ('alpha', 'bravo'):
+            with AnyReader([tmp_path / team], default_typestore=STORE) as reader:
+                topics = {item.topic: writer.add_connection(
+                    f'/{team}{item.topic}', item.msgtype, typestore=STORE)
+                    for item in reader.connections}
+                for item, stamp, data in reader.messages():
+                    writer.write(topics[item.topic], stamp, data)
+    alone, among = (compare(plan, read_flight(tmp_path / bag, plan)) for bag in ('bravo', 'bag'))
+    assert among.to_dict() == alone.to_dict() and not among.broken.any()
+
+
+def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):
+    flight = fly(plan, 0.0, 0.0)
+    write_csv(flight, tmp_path / 'whole.csv', START_NS * 1e-9)
+    lines = (tmp_path / 'whole.csv').read_text().splitlines()
+    lines[2::2] = [','.join([*line.split(',')[:5], '', '', '']) for line in lines[2::2]]
+    (tmp_path / 'half.csv').write_text('\n'.join(lines))
+    whole, half = (compare(plan, read_flight(tmp_path / name, plan)).to_dict()
+                   for name in ('whole.csv', 'half.csv'))
+    assert half['worst_case_rate'] == pytest.approx(whole['worst_case_rate'], rel=0.01)
+    for name in ('uav1', 'uav2'):
+        assert half['uavs'][name]['speed_max_m_s'] == pytest.approx(
+            whole['uavs'][name]['speed_max_m_s'], rel=0.01)
+
+
 def hover(plan, places):
     """Return the track of UAVs that stand at places (x, y, z) in m."""
     track = fly(plan, 0.0, 0.0)
@@ -385,12 +425,19 @@ def test_each_of_several_nodes_gets_what_an_integral_of_its_own_says(tmp_path):
     assert comparison.delivered() == pytest.approx(totals, rel=0.02)
 
 
-def test_a_promise_ends_where_the_flight_is_late_for_receivers_that_move(plan, tmp_path):
-    predicted = replace(plan, promised_until=100.0)
+@pytest.mark.parametrize('has_tracks', [False, True])
+def test_a_promise_ends_where_the_flight_is_late_for_receivers_that_move(
+        has_tracks, plan, tmp_path):
+    eve = plan.scenario.eavesdroppers[0]
+    predicted = replace(plan, scenario=replace(plan.scenario, eavesdroppers=[replace(
+        eve, position=None, error_radius=None, track=[
+            (time, *eve.position, eve.error_radius) for time in (0.0, 200.0)])]),
+        bound=None) if has_tracks else replace(plan, promised_until=100.0)
     for late, promised in ((0.0, predicted.promised_slots.sum()), (0.5, 0)):
         write_bag(fly(predicted, late, 0.0), tmp_path / f'bag{late}', late=late)
         comparison = compare(predicted, read_flight(tmp_path / f'bag{late}', predicted))
         assert comparison.promised.sum() == promised
+        assert bool(comparison.flight.notes) == (promised == 0)
         assert all(errors.delay_s == pytest.approx(0.0, abs=0.02)
                    for errors in comparison.uavs.values())
 

@@ -178,6 +178,14 @@ def test_a_budget_little_above_the_least_energy_in_long_slots_is_planned():
     assert plan.rate > 0 and (integrate(plan) <= [22111.0, 22245.0]).all()
 
 
+def test_a_flight_in_slots_longer_than_a_circle_is_planned_or_refused():
+    scenario = with_uavs(make_paper(150.0, 23e3), max_acceleration=3.0)
+    with pytest.raises(InfeasibleMissionError, match='was found that takes less than'):
+        solve(replace(scenario, slots=10))
+    plan = solve(replace(scenario, slots=10, uavs=with_uavs(scenario, max_energy=25e3).uavs))
+    assert plan.rate > 0
+
+
 def test_the_shortest_flight_that_delivers_keeps_budgets():
     plan = shortest_duration(make_paper(150.0, 20e3), 250.0, objective='guaranteed')
     assert 'this suffices for 250 bit/Hz' in plan.message

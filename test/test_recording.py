@@ -11,7 +11,8 @@ from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
+from secure_uav_planner import (
+    compare, Eavesdropper, fly_hover_fly, Plan, read_flight, Scenario)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.recording import record
@@ -55,6 +56,10 @@ def test_the_command_writes_the_same_recording_on_request(tmp_path):
     written, again = (messages(path) for path in (
         tmp_path / 'out' / 'plan.mcap', tmp_path / 'plan.mcap'))
     assert str(written) == str(again) and sum(map(len, written.values())) > 100
+    # It is a flight of the plan beside it, which has no start time.
+    plan = Plan.load(tmp_path / 'out' / 'plan.json')
+    flown = compare(plan, read_flight(tmp_path / 'out' / 'plan.mcap', plan))
+    assert plan.start_ns is None and not flown.broken.any()
 
 
 def test_every_topic_of_both_nodes_is_there_with_its_type_and_latched_as_it_is(read, file):

@@ -26,6 +26,9 @@ def assess_plan(options: argparse.Namespace) -> int | None:
     plan = Plan.load(options.plan)
     if options.flown:
         return compare_flight(plan, options)
+    for name in ('at', 'shift', 'json'):
+        if getattr(options, name):
+            raise OptionError(f'--{name} is for a flight; give its logs with --flown, too')
     file = choose_picture(options, '.assess.png', _PICTURES)
     assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
     print(assessment_table(assessment))
@@ -82,9 +85,10 @@ def compare_flight(plan: Plan, options: argparse.Namespace) -> int | None:
     flight = read_flight(_parse_logs(options.flown), plan, options.at,
                          _parse_shifts(options.shift or ()))
     comparison = compare(plan, flight)
+    file = choose_picture(options, '.flown.png', (*_PICTURES, _PAGE)) if (
+        options.out or not options.json) else None
     print(json.dumps(comparison.to_dict(), indent=2) if options.json else comparison.summary())
-    file = choose_picture(options, '.flown.png', (*_PICTURES, _PAGE))
-    if options.out or not options.json:
+    if file is not None:
         with drawing_if_possible(file):
             _save_comparison(comparison, file)
             if not options.json:

@@ -5,7 +5,7 @@ from contextlib import contextmanager, suppress
 import copy
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
-from itertools import chain, product
+from itertools import chain, combinations, product
 import json
 import math
 import os
@@ -183,6 +183,11 @@ class Campaign(Checked):
                 advice = ('vary the knots of the track instead, which decides it' if has_track else
                           'name it as duration, uavs.0.max_speed or eavesdroppers.*.error_radius')
                 yield ScenarioError(f'the mission has no field {quote(name)}; {advice}',
+                                    ('vary', name))
+        for (name, parts), (other, more) in combinations(parts_of.items(), 2):
+            if len(parts) == len(more) and all(
+                    one == two or '*' in (one, two) for one, two in zip(parts, more)):
+                yield ScenarioError(f'{name} and {other} set the same field; vary it once',
                                     ('vary', name))
         if not self.schemes:
             yield ScenarioError(f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}',

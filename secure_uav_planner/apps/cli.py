@@ -6,6 +6,7 @@ from contextlib import suppress
 import difflib
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+import io
 import os
 from pkgutil import resolve_name
 import signal
@@ -70,6 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in ('stdout', 'stderr'):
         if getattr(sys, name) is None:  # The caller has closed the stream.
             setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))
+    if isinstance(sys.stdout, io.TextIOWrapper):  # A name may not fit the terminal's encoding.
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
             _check_name('node', argv[1], NODES)

@@ -173,13 +173,17 @@ def write_dataflash(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=Non
 
 def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=None,
                     reference=None):
-    """Write a ground station's telemetry log, whose frame begins at `origin` of the plan's."""
+    """
+    Write a ground station's telemetry log, whose frame begins at `origin` of the plan's.
+
+    With UTC, a companion computer sends its own time, too, without a time since boot.
+    """
     from pymavlink.dialects.v20 import ardupilotmega  # Here, since it takes a second.
-    mavlink = ardupilotmega.MAVLink(None, srcSystem=index + 1)
+    mavlink, companion = (ardupilotmega.MAVLink(None, index + 1, part) for part in (1, 191))
     with open(path, 'wb') as file:
-        def write(time, message):
+        def write(time, message, sender=mavlink):
             stamp = round((time + (utc or 0.0)) * 1e6)
-            file.write(struct.pack('>Q', max(stamp, 0)) + message.pack(mavlink))
+            file.write(struct.pack('>Q', max(stamp, 0)) + message.pack(sender))
 
         if reference is not None:
             write(flight.times[0], mavlink.gps_global_origin_encode(
@@ -189,6 +193,9 @@ def write_telemetry(flight, index, path, origin=(0.0, 0.0), clock=100.0, utc=Non
             boot_ms = round((time + clock) * 1e3)
             if utc is not None:
                 write(time, mavlink.system_time_encode(round((time + utc) * 1e6), boot_ms))
+                for _ in range(2):
+                    write(time, companion.system_time_encode(round((time + utc) * 1e6), 0),
+                          companion)
             write(time, mavlink.local_position_ned_encode(
                 boot_ms, place[1] - origin[1], place[0] - origin[0], -place[2], speed[1],
                 speed[0], 0.0))

@@ -1,6 +1,7 @@
 """Bags of ROS 2 (a folder, .db3 or .mcap), read by rosbags; no ROS is needed."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
@@ -53,6 +54,8 @@ class FlightBag:
 
         :raises LogFileError: for a bag without a flight of this plan.
         """
+        if plan.start_ns is None and replace(plan, start_ns=0).identity in self._list_identities():
+            plan = replace(plan, start_ns=0)  # As `plan --mcap` records it.
         start_ns = plan.start_ns or 0
         revisions = self._find_revisions(plan)
         if not self.reports:
@@ -60,13 +63,21 @@ class FlightBag:
             return self.logs, _make_course(
                 [pair for pair in times if pair[0] in revisions], revisions, plan)
         flown, notes = self._find_last_flight(revisions, plan)
-        for identity in revisions:
-            revisions[identity] = _end_promise(revisions[identity], flown)
+        for identity, revision in revisions.items():
+            revisions[identity] = ended = _end_promise(revision, flown)
+            if ended is not revision:
+                notes.append(f'the promise of {identity} ends at {ended.promised_until:.1f} s: '
+                             'the flight was early or late for receivers that move')
         course = _make_course([(report.identity, (report.plan_ns - start_ns) * 1e-9)
                                for report in flown], revisions, plan)
         plan_times = _find_plan_times(flown, self.origin_ns, start_ns)
         return {name: replace(log, plan_times=plan_times, notes=(*log.notes, *notes))
                 for name, log in self.logs.items()}, course
+
+    def _list_identities(self) -> list[str]:
+        """Return the identities of the plans that were published, then of those flown."""
+        return [*(item.identity for _, item in self.plans),
+                *(report.identity for report in self.reports)]
 
     def _find_revisions(self, plan: Plan) -> dict[str, Plan]:
         """
@@ -75,8 +86,7 @@ class FlightBag:
         :raises LogFileError: if plans were published or flown, and the given one was not.
         """
         plans = {item.identity: item for item in (plan, *(item for _, item in self.plans))}
-        others = [*(item.identity for _, item in self.plans),
-                  *(report.identity for report in self.reports)]
+        others = self._list_identities()
         if others and plan.identity not in others:
             raise LogFileError(f'it is a flight of the plan {others[-1]}; the plan that was given '
                                f'is {plan.identity}')
@@ -132,14 +142,16 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
 
     A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
     where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
-    UAV that waits at its start for the planned time, or is at its goal, keeps the promise.
+    UAV that waits at its start for the planned time, or is at its goal, keeps the promise. A plan
+    without a start time starts by its first report.
     """
-    if plan.promised_until is None:
+    if not plan.scenario.has_tracks and plan.promised_until is None:
         return plan
     start_ns, curve = plan.start_ns or 0, plan.curve
+    begin_ns = reports[0].clock_ns - reports[0].plan_ns if plan.start_ns is None else start_ns
     for report in reports:
         time = (report.plan_ns - start_ns) * 1e-9
-        due = plan.promise_speed * ((report.clock_ns - start_ns) * 1e-9 - plan.promise_delay)
+        due = plan.promise_speed * ((report.clock_ns - begin_ns) * 1e-9 - plan.promise_delay)
         is_waiting = time <= curve.begin + PUNCTUAL and due < time
         if report.identity == plan.identity and time < curve.end - PUNCTUAL and (
                 abs(due - time) > PUNCTUAL and not is_waiting):
@@ -158,15 +170,16 @@ def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -
     return (clock_ns[counts] - origin_ns) * 1e-9, (plan_ns[counts] - start_ns) * 1e-9
 
 
-def read_bag(path: str | os.PathLike[str], uavs: Sequence[str]) -> FlightBag:
+def read_bag(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan) -> FlightBag:
     """
     Return the flight of UAVs in a bag by their odometry, such as `<uav>/odom` in any namespace.
 
-    Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, if the bag has them.
+    Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, if the bag has them. Of
+    several teams, each in a namespace, the one that has or flies the plan is read.
     The clock of a log is the one in the headers of its odometry, which may be simulated. Messages
     without a header get a time of this clock by interpolation over times of arrival.
     """
-    messages = _read_messages(path, uavs)
+    messages = _read_messages(path, uavs, plan)
     flying = [uav for uav in uavs if messages.states[uav]]
     if not flying:
         raise LogFileError(f'it has no odometry of {uavs[0]} (a topic {uavs[0]}/odom)')
@@ -212,14 +225,15 @@ class _Messages(NamedTuple):
     notes: list[str]
 
 
-def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messages:
+def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan) -> _Messages:
     """Return the messages of a bag on the topics that _choose_topics picks for UAVs."""
     from rosbags.highlevel import AnyReader  # Here, since few need it.
     from rosbags.typesys import get_typestore, Stores
     read = _Messages({uav: [] for uav in uavs}, {uav: [] for uav in uavs},
                      {uav: [] for uav in uavs}, [], [], [])
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        roles = dict(_choose_topics(reader.connections, uavs))
+        team = _find_team(reader, plan)
+        roles = dict(_choose_topics(reader.connections, uavs, team))
         for connection, stamp, data in reader.messages(connections=[
                 item for item in reader.connections if item.topic in roles]):
             role, uav = roles[connection.topic]
@@ -230,9 +244,7 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messag
             elif role == 'power':
                 read.powers[uav].append((stamp, float(message.data)))
             elif role == 'plan_time':
-                read.reports.append(Report(_nanoseconds(message.header.stamp),
-                                           _nanoseconds(message.time_ref),
-                                           message.source.partition(' ')[0]))
+                read.reports.append(_make_report(message))
             else:
                 try:
                     read.plans.append((stamp, parse_text(message.data, Plan)[0]))
@@ -241,30 +253,67 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str]) -> _Messag
     return read
 
 
-def _choose_topics(connections: Iterable[Any], uavs: Sequence[str]
+def _find_team(reader: Any, plan: Plan) -> list[str]:
+    """Return the parts of the namespace that has or flies a plan; [] if there is one at most."""
+    topics = [item for item in reader.connections
+              if (role := item.topic.rpartition('/')[2]) in ('plan', 'plan_time')
+              and item.msgtype == _TYPES[role]]
+    if len({item.topic.rpartition('/')[0] for item in topics}) < 2:
+        return []
+    identities = {plan.identity, replace(plan, start_ns=plan.start_ns or 0).identity}
+    for connection, _, data in reader.messages(connections=topics):
+        message = reader.deserialize(data, connection.msgtype)
+        with suppress(PlanFileError):
+            found = (_make_report(message) if connection.topic.endswith('plan_time') else
+                     parse_text(message.data, Plan)[0]).identity
+            if found in identities:
+                return _split(connection.topic)[:-1]
+    return []
+
+
+def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: Sequence[str]
                    ) -> Iterator[tuple[str, tuple[str, str]]]:
     """
     Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
 
-    Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`. A single UAV
-    may have one without its name.
+    Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`, and one topic
+    of its power. A single UAV may have an odometry topic without its name. Topics in the namespace
+    of the team, given by its parts, come first.
     """
     kinds = {item.topic: item.msgtype for item in connections}
-    parts = {topic: topic.strip('/').split('/') for topic in kinds}
+    parts = {topic: _split(topic) for topic in kinds}
+
+    def list_topics(role: str, *end: str) -> list[str]:
+        """Return the topics of a role with these last parts, those of the team first."""
+        return sorted((topic for topic, kind in kinds.items() if kind == _TYPES[role]
+                       and parts[topic][len(parts[topic]) - len(end):] == [*end]),
+                      key=lambda topic: (parts[topic][:len(team)] != [*team], len(parts[topic]),
+                                         topic))
+
     for role in ('plan', 'plan_time'):
-        for topic, kind in kinds.items():
-            if parts[topic][-1] == role and kind == _TYPES[role]:
+        for topic in list_topics(role, role):
+            if not team or parts[topic][:-1] == team:
                 yield topic, (role, '')
     for uav in uavs:
-        odometry = [topic for topic, kind in kinds.items() if kind == _TYPES['odom']
-                    and (uav in parts[topic] or len(uavs) == 1)]
+        odometry = [topic for topic in list_topics('odom')
+                    if uav in parts[topic] or len(uavs) == 1]
         if odometry:
             yield min(odometry, key=lambda topic: (
-                uav not in parts[topic], parts[topic][-2:] != [uav, 'odom'],
-                len(parts[topic]), topic)), ('odom', uav)
-        for topic, kind in kinds.items():
-            if kind == _TYPES['power'] and parts[topic][-3:] == [uav, 'setpoint', 'power']:
-                yield topic, ('power', uav)
+                parts[topic][:len(team)] != team, uav not in parts[topic],
+                parts[topic][-2:] != [uav, 'odom'])), ('odom', uav)
+        for topic in list_topics('power', uav, 'setpoint', 'power')[:1]:
+            yield topic, ('power', uav)
+
+
+def _split(topic: str) -> list[str]:
+    """Return the parts of a topic's name."""
+    return topic.strip('/').split('/')
+
+
+def _make_report(message: Any) -> Report:
+    """Return the Report of a message on plan_time."""
+    return Report(_nanoseconds(message.header.stamp), _nanoseconds(message.time_ref),
+                  message.source.partition(' ')[0])
 
 
 def _nanoseconds(stamp: Any) -> int:

@@ -195,7 +195,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     """
     checked_kind('plan', plan, Plan)
     checked_kind('flight', flight, FlownFlight)
-    if plan.start_ns != flight.plan.start_ns or not np.array_equal(
+    if (plan.start_ns or 0) != (flight.plan.start_ns or 0) or not np.array_equal(
             plan.times, flight.plan.times) or len(plan.powers) != len(flight.positions):
         raise OptionError(f'flight is of the plan {flight.plan.identity}; it must be of '
                           f'{plan.identity} or of a replan', ('flight',))

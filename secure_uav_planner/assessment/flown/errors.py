@@ -163,10 +163,7 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
     if log.setpoints is None:
         return math.nan
     times, positions = log.setpoints
-    valid = np.isfinite(positions).all(axis=1)
-    if not valid.any():
-        return math.nan
-    targets = np.stack([np.interp(clock, times[valid], column[valid], np.nan, np.nan)
+    targets = np.stack([np.interp(clock, times, column, np.nan, np.nan)
                         for column in positions.T], axis=-1)
     return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 

@@ -33,7 +33,7 @@ class VehicleLog:
     :param times: (K,) in s of the log's clock, increasing.
     :param positions: (K, 3) in m: east, north and up from the origin of the log's frame; up is NaN
         in a log without heights.
-    :param velocities: (K, 2) in m/s, or None.
+    :param velocities: (K, 2) in m/s, NaN where unknown, or None.
     :param utc_offset: UTC in s less the log's clock, or None.
     :param reference: latitude and longitude in degrees of the origin of the log's frame, or None.
     :param jumps: times in s of the last samples before the frame or its estimate changes; jumps
@@ -75,6 +75,8 @@ class VehicleLog:
         object.__setattr__(self, 'positions', positions[valid])
         if self.velocities is not None:
             object.__setattr__(self, 'velocities', np.asarray(self.velocities, float)[valid])
+        for name in ('powers', 'battery', 'setpoints'):
+            object.__setattr__(self, name, _drop_unknown(getattr(self, name)))
         seen = [time for time in _find_jumps(self.times, self.positions)
                 if all(abs(time - told) > _SAME_JUMP_S for told in self.jumps)]
         object.__setattr__(self, 'jumps', tuple(sorted({*self.jumps, *seen})))
@@ -98,18 +100,18 @@ class VehicleLog:
         Return velocities (L, 2) in m/s at times of the log's clock.
 
         :param times: increasing, (L,) in s.
-        :return: velocities of the log, or differences of positions if it has none; NaN in gaps,
-            and for differences at jumps, too.
+        :return: velocities of the log, or differences of positions where it has none; NaN in
+            gaps, and for differences at jumps, too.
         """
         positions = self.positions_at(times)[:, :2]
-        if self.velocities is not None:
-            velocities = _interpolate(times, self.times, self.velocities)
-            velocities[np.isnan(positions[:, 0])] = np.nan
-            return velocities
-        velocities = np.gradient(positions, times, axis=0)
+        velocities = np.asarray(np.gradient(positions, times, axis=0))
         for jump in self.jumps:  # A difference takes in both neighbours of a time.
             velocities[np.abs(times - jump) <= 2 * np.diff(times).max()] = np.nan
-        return np.asarray(velocities)
+        if self.velocities is not None:
+            told = _interpolate(times, self.times, self.velocities)
+            velocities = np.where(np.isnan(told), velocities, told)
+            velocities[np.isnan(positions[:, 0])] = np.nan
+        return velocities
 
     def _covers(self, times: Array) -> NDArray[np.bool_]:
         """Return whether times (L,) [s] are at a sample, or between two samples without a gap."""
@@ -123,6 +125,15 @@ class VehicleLog:
         distance = np.abs(times - self.times[[index, index + 1]]).min(axis=0)  # [s]
         is_inside = (times >= self.times[0]) & (times <= self.times[-1]) & is_whole[index]
         return np.asarray(is_inside | (distance < _SAME_S))
+
+
+def _drop_unknown(samples: Samples | None) -> Samples | None:
+    """Return the samples without NaN; None if none is left."""
+    if samples is None:
+        return None
+    times, values = samples
+    known = np.isfinite(values) if values.ndim == 1 else np.isfinite(values).all(axis=1)
+    return (times[known], values[known]) if known.any() else None
 
 
 def _interpolate(times: Array, samples: Array, values: Array) -> Array:

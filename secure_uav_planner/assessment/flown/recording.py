@@ -75,7 +75,7 @@ def _read_common_file(path: Path, plan: Plan, names: tuple[str, ...]) -> Recordi
         if path.suffix.lower() == '.csv':
             logs, course = read_csv(path, names), Course((plan,))
         else:
-            logs, course = read_bag(path, names).follow(plan)
+            logs, course = read_bag(path, names, plan).follow(plan)
         missing = [name for name in names if name not in logs]
         if missing:
             raise LogFileError(f'it has no positions of {missing[0]}; it has '

@@ -1,5 +1,6 @@
 """Telemetry logs of MAVLink (.tlog), read by pymavlink."""
 
+from collections import defaultdict
 import os
 
 import numpy as np
@@ -15,22 +16,29 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     from pymavlink import mavutil  # Here, since few need it.
     check_magic(path, 8, [b'\xfd', b'\xfe'])  # MAVLink 2 and 1, after a time stamp.
     connection = mavutil.mavlogfile(os.fspath(path))
-    states, utc_offsets, reference = list[tuple[float, ...]](), list[float](), None
-    vehicles = set[int]()
+    states = list[tuple[float, ...]]()
+    # By sender, because ground stations and companion computers tell times of their own.
+    utc_offsets = defaultdict[tuple[int, int], list[float]](list)
+    references = dict[tuple[int, int], tuple[float, float]]()
+    vehicles = set[tuple[int, int]]()
     while (message := connection.recv_match(type=list(_TYPES))) is not None:
-        kind = message.get_type()
+        kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         if kind == 'LOCAL_POSITION_NED':
-            vehicles.add(message.get_srcSystem())
+            vehicles.add(sender)
             states.append((message.time_boot_ms * 1e-3, message.y, message.x, -message.z,
                            message.vy, message.vx))
         elif kind == 'GPS_GLOBAL_ORIGIN':
-            reference = message.latitude * 1e-7, message.longitude * 1e-7
+            references[sender] = message.latitude * 1e-7, message.longitude * 1e-7
         elif message.time_unix_usec:  # SYSTEM_TIME; 0 if UTC is not known.
-            utc_offsets.append(message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
+            utc_offsets[sender].append(
+                message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
     if not states:
         raise LogFileError('it has no message LOCAL_POSITION_NED')
     if len(vehicles) > 1:
-        raise LogFileError(f'it has the vehicles {sorted(vehicles)}; it must have one')
-    table = np.array(states)
+        raise LogFileError('it has the vehicles '
+                           f'{", ".join(f"{system}/{part}" for system, part in sorted(vehicles))} '
+                           '(system/component); it must have one')
+    table, [vehicle] = np.array(states), vehicles
+    offsets = utc_offsets[vehicle]
     return VehicleLog(table[:, 0], table[:, 1:4], table[:, 4:6],
-                      float(np.median(utc_offsets)) if utc_offsets else None, reference)
+                      float(np.median(offsets)) if offsets else None, references.get(vehicle))

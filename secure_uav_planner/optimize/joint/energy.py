@@ -238,7 +238,8 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
             # The highest speed at which a whole circle fits into 95 % of the time.
             top = min(ENERGY.circle_speed * uav.max_speed, 0.95 * times[-1] / (
                 1 / acceleration + 2 * np.pi / (ENERGY.turning * uav.max_acceleration)))
-            if top < ENERGY.slow * uav.max_speed:
+            # On two points the speed is 0.
+            if end - first < 3 or top < ENERGY.slow * uav.max_speed:
                 continue
             speed = np.minimum(top, acceleration * np.minimum(times, times[-1] - times))
             covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
