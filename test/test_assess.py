@@ -160,6 +160,14 @@ def test_the_outage_of_every_slot_is_at_most_the_promised_one(seed):
     assert (plan.rate > 0 and found.outage > 0) or seed % 3 == 2
 
 
+def test_outages_of_weak_links_are_found():
+    for decibels in (-20.0, -60.0):
+        plan = fly_hover_fly(replace(
+            Scenario.paper(120.0, slots=12), reference_snr_db=decibels), 'optimised')
+        found = assess(plan, 10, world=World(receiver_db=30.0))
+        assert found.outage == 1.0 and found.delivered.max() == 0.0 < found.promised_delivery
+
+
 def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_true(plan):
     found = assess(plan, 200, world=World('normal'))
     assert found.quantile(0.05) == np.sort(found.rates)[[9, 10]] @ [0.05, 0.95]

@@ -70,11 +70,16 @@ def test_a_baseline_is_compared_by_the_rate_that_the_planner_maximises(missions)
 
 
 SCHEME = """
+from dataclasses import replace
 from secure_uav_planner import fly_hover_fly, Scenario
 
 
 def plan(scenario):
     return fly_hover_fly(scenario, 'optimised')
+
+
+def plan_unpromised(scenario):
+    return replace(plan(scenario), promised_until=0.0)
 
 
 def plan_another(scenario):
@@ -98,6 +103,10 @@ def test_a_function_of_ones_own_is_a_scheme(missions, tmp_path, monkeypatch):
     [row] = run_campaign({**fields, 'methods': [f'{module}:plan_another']}, jobs=1).to_dict(
         'records')
     assert row['outcome'] == 'invalid_option' and 'another scenario' in row['reason']
+    # An assessment has no promised rate of this plan.
+    [row] = run_campaign({**fields, 'methods': [f'{module}:plan_unpromised'], 'assess': {
+        'draws': 5}}, jobs=1).to_dict('records')
+    assert row['outcome'] == 'ok' and row['assess.delivered'] == 0.0
     for name in ('missing', 'number'):
         with pytest.raises(MissionFileError, match=f'{module}:{name} (cannot|is 5)'):
             load_campaign({**fields, 'methods': [f'{module}:{name}']})

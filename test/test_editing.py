@@ -112,6 +112,13 @@ def test_no_track_is_left_with_a_single_knot(nodes):
             assert len(after.ground_nodes) == 1
 
 
+def test_a_single_uav_cannot_be_removed():
+    mission = to_mission(PAPER)
+    for _ in range(2):
+        mission = remove_member(mission, len(list_handles(mission)) - 1)
+    assert len(mission['uavs']) == 1
+
+
 # The text of the mission
 
 

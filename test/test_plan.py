@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
-from secure_uav_planner.errors import PlanError, PlanFileError
+from secure_uav_planner.errors import OptionError, PlanError, PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
@@ -315,6 +315,29 @@ def test_a_plan_that_is_cut_and_continued_keeps_its_promise(scenario, data):
     ended, slot = plan.end_promise(late), int(late / scenario.slot_duration + 1e-9)
     assert not ended.promised_slots[max(0, slot - 1):].any()
     assert (ended.promised_slots == plan.promised_slots)[:max(0, slot - 1)].all()
+
+
+def test_a_plan_that_uses_the_tolerances_of_its_limits_can_be_cut():
+    plan = fly_hover_fly(Scenario.paper(99.0001, slots=99))
+    full = replace(plan, positions=plan.positions.round(6), powers=plan.powers * (1 + 0.9e-9))
+    for point in range(99):
+        tail = cut_tail(full, point)
+        assert continue_plan(full, point, tail).identity == full.identity
+
+
+def test_a_tail_of_another_team_is_refused(plan):
+    tail = cut_tail(plan, 5)
+    alone = tail.scenario.uavs[:1]
+    with pytest.raises(OptionError, match='tail has 1 uavs; it must have 2'):
+        continue_plan(plan, 5, replace(tail, scenario=replace(tail.scenario, uavs=alone),
+                                       positions=tail.positions[:1], powers=tail.powers[:1]))
+
+
+def test_a_tail_after_the_end_of_a_promise_does_not_ask_to_raise_the_horizon(plan):
+    assert 'raise' in replace(plan, promised_until=0.5).promise.text
+    ended = cut_tail(replace(plan, promised_until=20.0), 50)
+    for never in (ended, replace(plan, gaps=((0.0, 500.0),))):
+        assert never.promise.text.endswith('ended before slot 1; plan again')
 
 
 def test_the_text_of_a_promise_says_until_when_its_receivers_are_predicted(plan):

@@ -104,6 +104,11 @@ def test_the_duration_where_the_search_begins_may_be_too_long_for_the_battery():
     starving = with_uavs(scenario, max_energy=10.0)
     with pytest.raises(InfeasibleMissionError):
         shortest_duration(starving, 100.0)
+    # Faster flights take more here: a duration may be too short for the battery, too.
+    racing = with_uavs(scenario, max_acceleration=10.0, max_speed=40.0, max_energy=11e3)
+    plan = shortest_duration(replace(racing, duration=29.0, slots=29), 60.0,
+                             objective='guaranteed')
+    assert 38.0 < plan.scenario.duration < 41.0
 
 
 @pytest.mark.parametrize('fields', [

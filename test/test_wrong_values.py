@@ -193,7 +193,7 @@ OPTIONS = [
     (partial(cut_tail, PLAN), {'point': 10}, 'point', 'is 10; it must be'),
     (Propulsion().power, {'speeds': [1.0, -2.0]}, 'speeds', 'of at least 0 m/s'),
     *((Propulsion().power, {'speeds': speeds}, 'speeds', 'array of numbers') for speeds in (
-        'x', None, [[1], [1, 2]], [10**400], ['1', '2'], [True, False],
+        'x', None, [[1], [1, 2]], [10**400], ['1', '2'], [True, False], [1j, 2.0],
         np.ma.masked_array([1.0, 2.0], [True, False]))),
     (LINK, {'carrier_hz': 2.4}, 'carrier_hz', 'from 1e+06 to 1e+12 Hz'),
     (LINK, {'bandwidth_hz': '1 MHz'}, 'bandwidth_hz', 'in Hz, without its unit'),
@@ -242,11 +242,14 @@ PLANS = [
         3.0, Bound(Scenario.paper(105, slots=13), 3.0))),
     *((PLAN, {field: np.ma.masked_greater(getattr(PLAN, field), 0.5)}, field, 'some are masked')
       for field in ('positions', 'powers')),
+    *((PLAN, {'powers': PLAN.powers.astype(kind)}, 'powers', 'truth values or complex')
+      for kind in (bool, complex)),
     *((partial(change_plan, field), {'index': index, 'value': value}, '', text)
       for field, index, value, text in (
         ('positions', (0, 5, 0), -450.0, 'uav1 moves'),
         ('powers', (0, 3), -0.1, 'the power of uav1 is -0.1 W in slot 4'),
         ('powers', (1, 7), 5.0, 'the power of uav2 is 5 W in slot 8; at most 4 W'),
+        ('powers', (1, 7), 4.00000001, 'is 4.00000001 W in slot 8; at most 4 W'),
         ('powers', (1, slice(0, 9)), 2.0, 'the average power of uav2'))),
     (PLAN, {'scenario': replace(PAPER, uavs=accelerate(0.6, 0.6))}, '',
      'uav1 accelerates by'),

@@ -53,10 +53,14 @@ class Handle(NamedTuple):
 
 
 def list_handles(mission: Mission) -> list[Handle]:
-    """Return Handles of areas, receivers, and UAVs' goals and starts; a later one lies above."""
+    """
+    Return Handles of areas, receivers, and UAVs' goals and starts; a later one lies above.
+
+    A single UAV cannot be removed, because a new one is made like the last.
+    """
     return [*_list_areas(mission), *_list_receivers(mission), *(
         Handle(_draw_point(uav[end], outline, uav_color(number)), ('uavs', number, end),
-               ('uavs', number))
+               ('uavs', number) if len(mission['uavs']) > 1 else ())
         for number, uav in enumerate(mission['uavs'])
         for end, outline in (('goal', _SQUARE), ('start', _DISC)))]
 

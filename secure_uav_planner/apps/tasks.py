@@ -142,10 +142,11 @@ def _solve_task(task: Task) -> Row:
         'iterations': max(0, len(plan.history) - 1),  # A history begins with the start.
         'solve_time': plan.solve_time}
     results['rate'] = results[f'{objective}_rate']
-    more = _energy_columns(plan)
+    more: dict[str, float | None] = {**_energy_columns(plan)}
     if 'assess' in task:
-        more.update({f'assess.{name}': number for name, number in assess(
-            plan, **arguments(task['assess'])).summary.items()})
+        more.update({
+            f'assess.{name}': number if math.isfinite(number) else None for name, number in assess(
+                plan, **arguments(task['assess'])).summary.items()})
     if more:
         results['more'] = more
     if task['bound_time_limit'] is not None and not explain_refusal(scenario):

@@ -14,7 +14,8 @@ from ..mission.fields import check_argument, Number
 from ..mission.scenario import Array, read_only, Scenario
 from ..mission.validation import checked_array, checked_kind, rate_text
 from ..model.channel.links import make_link
-from ..model.channel.rates import combine_leaks, compute_rate, include_listeners
+from ..model.channel.rates import (
+    combine_leaks, compute_rate, find_rate_scale, include_listeners)
 from ..plan.plan import Plan
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 MOST_DRAWS = 10**6
 """Largest number of draws, with which a slot of two UAVs takes about 0.2 GB."""
 
-_ROUNDING = 1e-9  # Shortfall of a rate [bit/s/Hz] that is not yet an outage.
+_ROUNDING = 1e-9  # Shortfall of a rate, times find_rate_scale, that is not yet an outage.
 
 FAN = (0.05, 0.25, 0.5, 0.75, 0.95)
 """The quantiles of the rate in each slot."""
@@ -170,7 +171,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         raise OptionError(f'positions has {len(world.positions)} places; it must have one for '
                           f'each of the {len(scenario.eavesdroppers)} eavesdroppers')
     positions = plan.positions[:, 1:-1] if flown is None else _checked_flown(flown, plan, world)
-    promised = promised_rates(plan)
+    promised, rounding = promised_rates(plan), _ROUNDING * find_rate_scale(plan.scenario)
     step, count = scenario.slot_duration, scenario.slots
     # Rates of the ground nodes summed over the slots, (G, D), and bit/Hz delivered in each draw. A
     # slot delivers its promised rate, and nothing if the rate of the draw is lower.
@@ -181,7 +182,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         # Rates of the ground nodes times their shares of the slot, (G, D), and their sum.
         shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
         rates = shared.sum(axis=0)
-        is_kept = rates >= promised[slot] - _ROUNDING
+        is_kept = rates >= promised[slot] - rounding
         sums += shared
         delivered += step * promised[slot] * is_kept
         outages[slot] = np.count_nonzero(~is_kept) / draws

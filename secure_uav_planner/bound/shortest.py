@@ -11,6 +11,7 @@ from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
 from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
+from ..mission.participants import Propulsion
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.channel.links import make_link
@@ -166,9 +167,9 @@ class _Search:
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
         flown. Durations grow by the factor `growth`. If one is too long, since a shorter one can
-        be flown or its energy is above a limit, the factor becomes its square root. Until one is
-        too short, durations that are too long are halved. If no duration that is tried delivers
-        the bits, InfeasibleMissionError is raised.
+        be flown or takes less energy, the factor becomes its square root. Until one is too short,
+        durations that are too long are halved. If no duration that is tried delivers the bits,
+        InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
@@ -178,7 +179,7 @@ class _Search:
             if self.best is not None:
                 return self.best, low, delivered
             is_too_long = plan is None and (
-                delivered is not None or self._refusal.place[-1:] == ('max_energy',))
+                delivered is not None or self._takes_more_energy(duration))
             if not is_too_long:
                 low, delivered = duration, None if plan is None else _count_bits(plan)
             elif low:
@@ -190,6 +191,21 @@ class _Search:
                     f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much',
                     ('bits',))
             duration = min(growth * low, longest) if low else duration / _GROWTH
+
+    def _takes_more_energy(self, duration: float) -> bool:
+        """
+        Return True if a refused duration [s] is beyond a battery, and a shorter one takes less.
+
+        Energies are compared for a straight flight of the refused UAV at constant speed.
+        """
+        place = self._refusal.place
+        if place[-1:] != ('max_energy',):
+            return False
+        uav = self._scenario.uavs[int(place[1])]
+        speed, faster = (math.dist(uav.start, uav.goal) / duration * factor
+                         for factor in (1.0, _LEAST_GROWTH))
+        power = uav.propulsion.power if uav.propulsion else Propulsion().power
+        return float(power(faster)) / _LEAST_GROWTH < float(power(speed))
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """

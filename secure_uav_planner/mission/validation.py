@@ -94,8 +94,9 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     :param shapes: allowed shapes, with None for any length; by default any shape is allowed.
     """
     try:
-        array = np.asarray(values, float)
-        is_number = np.asarray(values).dtype.kind not in 'SUb'  # Not text, and no truth values.
+        # Not text, and neither truth values nor complex numbers.
+        is_number = np.asarray(values).dtype.kind not in 'SUbc'
+        array = np.asarray(values, float) if is_number else np.zeros(0)
         fits = is_number and not np.ma.is_masked(values) and (not shapes or any(
             len(shape) == array.ndim and all(wanted in (None, size) for wanted, size in zip(
                 shape, array.shape)) for shape in shapes))

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from .drawing import add_legend, EAVESDROPPER, RATE, style_axes
+from ..mission.validation import rate_text
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
@@ -55,7 +56,8 @@ def draw_assessment(assessment) -> Picture:
     slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
     slots.set_title(
         f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
-        f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} '
+        f'{assessment.quantile(0.05):.3f} at 5%; '
+        f'{rate_text(assessment.promised_rate, 3)} '
         f'{assessment.claim}',
         fontsize=11, loc='left')
     promise_style = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}

@@ -395,6 +395,8 @@ def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
     try:
         if np.ma.is_masked(value):
             raise ValueError('some are masked')
+        if np.asarray(value).dtype.kind in 'bc':
+            raise ValueError('they are truth values or complex')
         array = read_only(np.asarray(value) + 0.0)  # Without -0.0, whose bytes differ.
     except (TypeError, ValueError, OverflowError) as error:
         raise PlanError(

@@ -109,13 +109,12 @@ class Promise:
         plan = self.plan
         if not self.is_partial:
             return ''
-        until = plan.promised_until
-        if not (self.slots or until):
-            return 'no slot is promised: the promise ended before slot 1; plan again'
-        if not self.slots:
+        until, step = plan.promised_until, plan.scenario.slot_duration
+        if not self.slots and until is not None and 0.0 < until < step:
             return (f'no slot is promised: receivers are predicted until {until:.1f} s and '
-                    f'slot 1 begins at {plan.scenario.slot_duration:.1f} s; raise '
-                    'prediction_horizon')
+                    f'slot 1 begins at {step:.1f} s; raise prediction_horizon')
+        if not self.slots:
+            return 'no slot is promised: the promise ended before slot 1; plan again'
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (
             '' if self.mask[-1] or until is None else
             f', until {until:.1f} s as far as receivers are predicted')

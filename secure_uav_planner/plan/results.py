@@ -355,5 +355,5 @@ def check_plan(plan: RatedFlight, scenario: Scenario) -> None:
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
         raise OptionError(f'plan is {quote(plan)}; it must be a Plan', ('plan',))
     if plan.scenario != scenario:
-        raise OptionError('plan is for another scenario; '
-                          'it must be a plan of the scenario that the bound is for', ('plan',))
+        raise OptionError('plan is for another scenario; it must be a plan of the scenario given',
+                          ('plan',))

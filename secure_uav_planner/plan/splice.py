@@ -8,8 +8,9 @@ from typing import TypeVar
 import numpy as np
 
 from .plan import Plan
+from ..errors import OptionError
 from ..mission.fields import check_argument, find_range, TIME, WholeNumber
-from ..mission.kinematics import clip_norm
+from ..mission.kinematics import clip_norm, UTILISATION_TOLERANCE
 from ..mission.scenario import Array, Eavesdropper, GroundNode, Point, Scenario, Uav
 from ..mission.tracks import join_tracks, LEFT_OUT, shift_track, Track
 from ..mission.validation import checked_array, checked_kind
@@ -38,14 +39,21 @@ def cut_tail(plan: Plan, point: int) -> Plan:
     point = check_argument('point', point, WholeNumber(0, scenario.slots - 1))
     slots, step = scenario.slots - point, scenario.slot_duration
     least = find_range(Uav, 'average_power').low
-    remaining = scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1)
+    # A plan may exceed limits by a tolerance, which would fall on few slots: the rest is allowed
+    # what it has.
+    remaining = np.maximum(
+        scenario.slots * scenario.average_powers - plan.powers[:, :point].sum(axis=1),
+        plan.powers[:, point:].sum(axis=1))
+    moves = np.linalg.norm(np.diff(plan.positions[:, point:], axis=1), axis=-1).max(axis=1)
+    speeds = np.where(moves / step > (1 + UTILISATION_TOLERANCE) * scenario.max_speeds,
+                      moves / step, scenario.max_speeds)
     uavs = tuple(
-        replace(uav, start=tuple(path[point].tolist()),
+        replace(uav, start=tuple(path[point].tolist()), max_speed=speed,
                 start_velocity=_find_velocity(uav, path, point, step),
                 average_power=min(uav.peak_power, max(sum_of_powers / slots, least)))
-        for uav, path, sum_of_powers in zip(
+        for uav, path, sum_of_powers, speed in zip(
             reduce_budgets(scenario, plan.positions, point), plan.positions, remaining.tolist(),
-            strict=True))
+            speeds.tolist(), strict=True))
     rest = replace(move_receivers(scenario, scenario, point * step),
                    uavs=uavs, slots=slots, duration=slots * step,
                    head_starts=() if len(plan.shares) == 1 else find_head_starts(
@@ -74,12 +82,17 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
     :param first: index of the last point at which the receivers and the promise of the plan
         apply; by default `point`. The tail's receivers and promise apply after it.
     :return: a Plan of the whole mission, with the plan's start, the tail's method and no bound.
+    :raises OptionError: for another number of UAVs or receivers, or a wrong point.
     """
     scenario = checked_kind('plan', plan, Plan).scenario
     inside = WholeNumber(0, scenario.slots - 1)
     point = check_argument('point', point, inside)
     first = point if first is None else check_argument('first', first, inside)
     checked_kind('tail', tail, Plan)
+    for name in ('uavs', 'ground_nodes', 'eavesdroppers'):
+        count, wanted = (len(getattr(mission, name)) for mission in (tail.scenario, scenario))
+        if count != wanted:
+            raise OptionError(f'tail has {count} {name}; it must have {wanted}', ('tail',))
     positions, powers = plan.positions, plan.powers
     if beginning is not None:
         positions, powers = (

@@ -1,9 +1,11 @@
 """A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
 
+from contextlib import suppress
 from dataclasses import replace
 import os
 from pathlib import Path
 import re
+import sys
 from typing import Any, IO
 
 from ament_index_python.packages import get_package_share_directory
@@ -144,9 +146,15 @@ def _definition(name: str) -> str:
         if kind in texts:
             continue
         package, message = kind.split('/')
-        texts[kind] = (Path(get_package_share_directory(package))
-                       / 'msg' / f'{message}.msg').read_text()
+        texts[kind] = (_find_share(package) / 'msg' / f'{message}.msg').read_text()
         fields = messages.message_class(kind).get_fields_and_field_types()
         queue += re.findall(r'\w+/\w+', ' '.join(fields.values()))
     (_, first), *nested = texts.items()
     return '\n'.join([first, *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in nested)])
+
+
+def _find_share(package: str) -> Path:
+    """Return the folder of a ROS package; ROS from pip has it where Python is installed."""
+    with suppress(OSError, LookupError):  # AMENT_PREFIX_PATH is not set, or leads elsewhere.
+        return Path(get_package_share_directory(package))
+    return Path(sys.prefix) / 'share' / package

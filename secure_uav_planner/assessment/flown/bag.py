@@ -143,12 +143,14 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
     A promise for receivers that move holds at the planned times only: |due - time| <= PUNCTUAL,
     where due = promise_speed * (clock - start - promise_delay) is the planned time at a report. A
     UAV that waits at its start for the planned time, or is at its goal, keeps the promise. A plan
-    without a start time starts by its first report.
+    without a start time starts when its time first advances.
     """
     if not plan.scenario.has_tracks and plan.promised_until is None:
         return plan
     start_ns, curve = plan.start_ns or 0, plan.curve
-    begin_ns = reports[0].clock_ns - reports[0].plan_ns if plan.start_ns is None else start_ns
+    begin_ns = start_ns if plan.start_ns is not None else next(
+        (report.clock_ns - report.plan_ns for report, after in zip(reports, reports[1:])
+         if after.plan_ns > report.plan_ns), 0)
     for report in reports:
         time = (report.plan_ns - start_ns) * 1e-9
         due = plan.promise_speed * ((report.clock_ns - begin_ns) * 1e-9 - plan.promise_delay)

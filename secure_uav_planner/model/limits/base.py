@@ -9,7 +9,7 @@ from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
 from ...errors import PlanError
-from ...mission.scenario import Array
+from ...mission.validation import Array, round_down
 
 POWER_TOLERANCE = 1e-9
 """How far in W a power of a plan may exceed its limit, or lie below zero."""
@@ -104,7 +104,8 @@ class PeakPower(Limit):
                                 f'{power.argmin() + 1}; it must not be negative')
             if power.max() > uav.peak_power + POWER_TOLERANCE:
                 raise PlanError(f'the power of {uav.name} is {power.max():.9g} W in slot '
-                                f'{power.argmax() + 1}; at most {uav.peak_power:g} W are allowed')
+                                f'{power.argmax() + 1}; at most '
+                                f'{round_down(uav.peak_power, 9):.9g} W are allowed')
 
     def retract_powers(self, powers: Array) -> Array:
         return np.clip(powers, 0, self.scenario.peak_powers[:, None])
@@ -117,7 +118,7 @@ class AveragePower(Limit):
         for uav, power in zip(self.scenario.uavs, powers, strict=True):
             if power.mean() > uav.average_power + POWER_TOLERANCE:
                 raise PlanError(f'the average power of {uav.name} is {power.mean():.9g} W; '
-                                f'at most {uav.average_power:g} W are allowed')
+                                f'at most {round_down(uav.average_power, 9):.9g} W are allowed')
 
     def retract_powers(self, powers: Array) -> Array:
         mean = powers.mean(axis=1, keepdims=True)

@@ -61,6 +61,9 @@ def improve_within_energy(driver: SolverDriver, unlimited: Sequence[Incumbent],
                 break
         else:
             _, energies = _measure_energies(solver)
+            # Iterates may break other limits, and take more than flights that keep them.
+            energies = np.stack([*energies, *(measure_energies(
+                incumbent.scenario, flights.positions) for flights in unlimited)])
             raise_all(_refuse_budgets(incumbent.scenario, energies.min(axis=0)))
     finally:
         if math.isfinite(plan.rate):
@@ -203,13 +206,20 @@ def _circle_reference_flights(driver: SolverDriver, powers: Array) -> Iterator[_
 
 
 def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
-    """Return errors of UAVs with energies (U,) [J] above max_energy, else of all, worst first."""
+    """
+    Return errors of the UAVs whose least energies (U,) [J] are above max_energy, worst first.
+
+    If there are none, the error is of the UAV with the least reserve, since not all of these
+    flights keep all other limits.
+    """
     excess = energies / scenario.max_energies - 1
     return [InfeasibleMissionError(
         f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
-        f'flight of {scenario.duration:g} s was found that takes less than {energies[index]:.5g} '
-        'J by the model of its propulsion', ('uavs', int(index), 'max_energy'))
-        for index in np.argsort(-excess) if excess[index] > 0 or excess.max() <= 0]
+        f'flight of {scenario.duration:g} s was found that ' + (
+            f'takes less than {energies[index]:.5g} J by the model of its propulsion'
+            if excess[index] > 0 else 'keeps it and all other limits'),
+        ('uavs', int(index), 'max_energy'))
+        for index in np.argsort(-excess)[:max(1, np.count_nonzero(excess > 0))]]
 
 
 def add_circles(scenario: Scenario, positions: Array, direction: float, sense: int,
