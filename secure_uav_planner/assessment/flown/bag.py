@@ -285,26 +285,27 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: Sequen
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: _split(topic) for topic in kinds}
 
-    def list_topics(role: str, *end: str) -> list[str]:
-        """Return the topics of a role with these last parts, those of the team first."""
-        return sorted((topic for topic, kind in kinds.items() if kind == _TYPES[role]
-                       and parts[topic][len(parts[topic]) - len(end):] == [*end]),
-                      key=lambda topic: (parts[topic][:len(team)] != [*team], len(parts[topic]),
-                                         topic))
+    def is_foreign(topic: str) -> bool:
+        """Return whether a topic is outside of the team's namespace."""
+        return parts[topic][:len(team)] != [*team]
 
-    for role in ('plan', 'plan_time'):
-        for topic in list_topics(role, role):
-            if not team or parts[topic][:-1] == team:
-                yield topic, (role, '')
+    topics = sorted(kinds, key=lambda topic: (is_foreign(topic), len(parts[topic]), topic))
+    for topic in topics:
+        role = parts[topic][-1]
+        if role in ('plan', 'plan_time') and kinds[topic] == _TYPES[role] and (
+                not team or parts[topic][:-1] == team):
+            yield topic, (role, '')
     for uav in uavs:
-        odometry = [topic for topic in list_topics('odom')
-                    if uav in parts[topic] or len(uavs) == 1]
+        odometry = [topic for topic in topics if kinds[topic] == _TYPES['odom']
+                    and (uav in parts[topic] or len(uavs) == 1)]
         if odometry:
             yield min(odometry, key=lambda topic: (
-                parts[topic][:len(team)] != team, uav not in parts[topic],
+                is_foreign(topic), uav not in parts[topic],
                 parts[topic][-2:] != [uav, 'odom'])), ('odom', uav)
-        for topic in list_topics('power', uav, 'setpoint', 'power')[:1]:
-            yield topic, ('power', uav)
+        powers = [topic for topic in topics if kinds[topic] == _TYPES['power']
+                  and parts[topic][-3:] == [uav, 'setpoint', 'power']]
+        if powers:
+            yield powers[0], ('power', uav)
 
 
 def _split(topic: str) -> list[str]:
