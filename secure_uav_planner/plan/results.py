@@ -50,8 +50,8 @@ def explain_silence(scenario: Scenario, bits: float = 0.0, slots: int | None = N
 
     :param bits: delivery [bit/Hz] that is asked for. A ground node whose head start over weight
         is above it needs nothing, and is left out.
-    :param slots: number of slots to look at; by default the scenario's. More of them have the same
-        length and follow its last one.
+    :param slots: number of slots that are looked at, from slot 1 on. By default it is the number
+        of slots of the scenario; a larger number looks at later slots of the same length, too.
     """
     grounds, centres, radii = scenario.receivers if slots is None else scenario.receivers_at(
         scenario.slot_duration * np.arange(1, slots + 1))

@@ -75,7 +75,7 @@ class FlightBag:
                 for name, log in self.logs.items()}, course
 
     def _list_identities(self) -> list[str]:
-        """Return the identities of the plans that were published, then of those flown."""
+        """Return the identities of the plans that were published, then of plans flown."""
         return [*(item.identity for _, item in self.plans),
                 *(report.identity for report in self.reports)]
 

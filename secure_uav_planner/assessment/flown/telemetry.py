@@ -17,7 +17,7 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     check_magic(path, 8, [b'\xfd', b'\xfe'])  # MAVLink 2 and 1, after a time stamp.
     connection = mavutil.mavlogfile(os.fspath(path))
     states = list[tuple[float, ...]]()
-    # By sender, because ground stations and companion computers tell times of their own.
+    # Offsets are kept by sender: ground stations and companion computers tell their own times.
     utc_offsets = defaultdict[tuple[int, int], list[float]](list)
     references = dict[tuple[int, int], tuple[float, float]]()
     vehicles = set[tuple[int, int]]()
