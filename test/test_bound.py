@@ -15,6 +15,7 @@ from secure_uav_planner.bound import method, upper_bound
 from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
 from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
+from secure_uav_planner.bound.search.columns import Columns
 from secure_uav_planner.bound.search.multipliers import MultiplierSearch
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.mission import OBJECTIVES
@@ -295,6 +296,15 @@ def test_many_slots_share_groups():
     bound = upper_bound(scenario, objective='guaranteed', plan=fly_hover_fly(scenario))
     assert 1.1719 < bound.rate < 1.3  # the best known plan; slots this short leave less slack
     assert fly_hover_fly(scenario).guaranteed_rate <= bound.rate
+
+
+def test_pools_that_a_deadline_leaves_with_few_columns_are_joined_with_others():
+    parts = [Columns(np.full((3, count, 2), count), np.full((3, count), float(count)),
+                     np.full((3, count), -1.0), np.arange(6.0 * count).reshape(3, count, 2))
+             for count in (4, 2)]
+    chosen = Columns.choose(parts, np.array([0, 1, 1]))
+    assert chosen.power.tolist() == [[4.0] * 4, [2.0] * 4, [2.0] * 4]
+    assert chosen.leaks[1, :, 0].tolist() == [4.0, 6.0, 6.0, 6.0]
 
 
 @pytest.mark.parametrize('first, time_limit', [

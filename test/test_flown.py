@@ -19,7 +19,8 @@ from secure_uav_planner.model.curve import GAUSS_LEGENDRE
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_uavs
 from studies.flown.logs import (
-    fly, STORE, write_bag, write_csv, write_dataflash, write_telemetry, write_tum, write_ulog)
+    find_powers, fly, STORE, write_bag, write_csv, write_dataflash, write_telemetry, write_tum,
+    write_ulog)
 
 DELAY, OFFSET = 0.3, 0.8
 START_NS = 1_795_743_002_000_000_000
@@ -332,17 +333,19 @@ def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, flight,
         compare(plan, read_flight(tmp_path / 'bag', later))
 
 
-def test_of_several_teams_in_a_bag_the_one_that_flies_the_plan_counts(plan, flight, tmp_path):
+@pytest.mark.parametrize('places', [('/alpha', '/bravo'), ('/alpha', ''), ('', '/bravo')])
+def test_of_several_teams_in_a_bag_the_one_that_flies_the_plan_counts(
+        places, plan, flight, tmp_path):
     silent = replace(plan, powers=0.0 * plan.powers)
     far = replace(flight, positions=flight.positions + 1000.0, powers=0.0 * flight.powers,
                   plan=silent)
     for team, track in (('alpha', far), ('bravo', flight)):
         write_bag(track, tmp_path / team)
     with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for team in ('alpha', 'bravo'):
+        for team, namespace in zip(('alpha', 'bravo'), places):
             with AnyReader([tmp_path / team], default_typestore=STORE) as reader:
                 topics = {item.topic: writer.add_connection(
-                    f'/{team}{item.topic}', item.msgtype, typestore=STORE)
+                    f'{namespace}{item.topic}', item.msgtype, typestore=STORE)
                     for item in reader.connections}
                 for item, stamp, data in reader.messages():
                     writer.write(topics[item.topic], stamp, data)
@@ -440,6 +443,19 @@ def test_a_promise_ends_where_the_flight_is_late_for_receivers_that_move(
         assert bool(comparison.flight.notes) == (promised == 0)
         assert all(errors.delay_s == pytest.approx(0.0, abs=0.02)
                    for errors in comparison.uavs.values())
+
+
+def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
+    on_time, late = (replace(plan, bound=None, scenario=replace(plan.scenario, eavesdroppers=[
+        Eavesdropper(track=[(-delay, 200.0, -300.0, 10.0), (200.0 - delay, 200.0, 300.0, 10.0)])]))
+        for delay in (0.0, 5.0))
+    flight = fly(on_time, 5.0, 0.0)
+    flight = replace(flight, powers=find_powers(plan, flight.times - 5.0))
+    write_bag(flight, tmp_path / 'bag', late=5.0)
+    comparison = compare(on_time, read_flight(tmp_path / 'bag', on_time))
+    assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(
+        late.curve_rates, rel=0.01, abs=0.01)
+    assert np.abs(late.curve_rates - on_time.curve_rates).max() > 0.05
 
 
 def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):

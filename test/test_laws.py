@@ -83,7 +83,7 @@ def check_parts(plan, rng):
     joined = continue_plan(plan, point, tail)
     np.testing.assert_allclose(joined.positions, plan.positions, atol=1e-9)
     np.testing.assert_allclose(joined.rate, plan.rate, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(tail.node_shares, plan.node_shares[:, point:], atol=1e-7)
+    np.testing.assert_allclose(tail.node_shares, plan.node_shares[:, point:], atol=1e-6)
     np.testing.assert_allclose(tail.rate * tail.scenario.duration, max(0, plan.rate * (
         plan.scenario.duration) - delivered_least(plan, tail, point)), rtol=1e-6, atol=1e-6)
 

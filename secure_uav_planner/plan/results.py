@@ -194,7 +194,7 @@ class RatedFlight(Checked):
         """Each node's part of curve_rates: share * [slot mean of R-bar]^+, (G, N) in bit/s/Hz."""
         return read_only(self.shares * _positive_part(mean_node_rates(
             self.scenario, channel.guaranteed_node_rates,
-            lambda times: (self.curve.at(times).positions, self.powers))))
+            lambda times: (self.curve.at(times).positions, self.powers, times))))
 
     @property
     def curve_rate(self) -> float:

@@ -255,45 +255,49 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan
     return read
 
 
-def _find_team(reader: Any, plan: Plan) -> list[str]:
-    """Return the parts of the namespace that has or flies a plan; [] if there is one at most."""
-    topics = [item for item in reader.connections
-              if (role := item.topic.rpartition('/')[2]) in ('plan', 'plan_time')
-              and item.msgtype == _TYPES[role]]
-    if len({item.topic.rpartition('/')[0] for item in topics}) < 2:
-        return []
+def _find_team(reader: Any, plan: Plan) -> list[str] | None:
+    """
+    Return the parts of the namespace that has or flies a plan, of several with such a topic.
+
+    None is returned for one team, whose topics may be in several namespaces, and for none.
+    """
     identities = {plan.identity, replace(plan, start_ns=plan.start_ns or 0).identity}
-    for connection, _, data in reader.messages(connections=topics):
-        message = reader.deserialize(data, connection.msgtype)
-        with suppress(PlanFileError):
-            found = (_make_report(message) if connection.topic.endswith('plan_time') else
-                     parse_text(message.data, Plan)[0]).identity
-            if found in identities:
-                return _split(connection.topic)[:-1]
-    return []
+    for role in ('plan_time', 'plan'):
+        topics = [item for item in reader.connections
+                  if item.topic.rpartition('/')[2] == role and item.msgtype == _TYPES[role]]
+        if len({item.topic for item in topics}) < 2:
+            continue
+        for connection, _, data in reader.messages(connections=topics):
+            message = reader.deserialize(data, connection.msgtype)
+            with suppress(PlanFileError):
+                found = _make_report(message) if role == 'plan_time' else (
+                    parse_text(message.data, Plan)[0])
+                if found.identity in identities:
+                    return _split(connection.topic)[:-1]
+    return None
 
 
-def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: Sequence[str]
+def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: list[str] | None
                    ) -> Iterator[tuple[str, tuple[str, str]]]:
     """
     Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
 
     Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`, and one topic
     of its power. A single UAV may have an odometry topic without its name. Topics in the namespace
-    of the team, given by its parts, come first.
+    of the team, given by its parts, come first. None is one team in any namespaces.
     """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: _split(topic) for topic in kinds}
 
     def is_foreign(topic: str) -> bool:
         """Return whether a topic is outside of the team's namespace."""
-        return parts[topic][:len(team)] != [*team]
+        return team is not None and parts[topic][:len(team)] != team
 
     topics = sorted(kinds, key=lambda topic: (is_foreign(topic), len(parts[topic]), topic))
     for topic in topics:
         role = parts[topic][-1]
         if role in ('plan', 'plan_time') and kinds[topic] == _TYPES[role] and (
-                not team or parts[topic][:-1] == team):
+                team is None or parts[topic][:-1] == team):
             yield topic, (role, '')
     for uav in uavs:
         odometry = [topic for topic in topics if kinds[topic] == _TYPES['odom']

@@ -224,27 +224,31 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
 
 
 def _make_planned_state(plan: Plan, slots: NDArray[np.intp]
-                        ) -> Callable[[Array], tuple[Array, Array]]:
+                        ) -> Callable[[Array], tuple[Array, Array, Array]]:
     """
-    Return a function that maps times to planned positions (U, K, 2) [m] and powers (U, K) [W].
+    Return a function of times that plans positions (U, K, 2) [m] and powers (U, K) [W].
+
+    The function's third value is the times (K,) [s] of the receivers' places, which are the same.
 
     :param slots: indices (K,) of slots; time k [s from point 0] must lie in slot `slots[k]`.
     """
-    return lambda times: (plan.curve.at(times).positions, plan.powers[:, slots])
+    return lambda times: (plan.curve.at(times).positions, plan.powers[:, slots], times)
 
 
 def _make_flown_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
-                      ) -> Callable[[Array], tuple[Array, Array]]:
+                      ) -> Callable[[Array], tuple[Array, Array, Array]]:
     """
-    Return a function that maps times to flown positions (U, K, 2) [m] and powers (U, K) [W].
+    Return a function of times with the flown positions (U, K, 2) [m] and powers (U, K) [W].
 
-    The powers are the planned ones if a log lacks them.
+    The powers are the planned ones if a log lacks them. The function's third value is the times
+    (K,) [s] of the receivers' places, which are the later the later the flight is.
 
     :param slots: indices (K,) of slots; time k [s from point 0] must lie in slot `slots[k]`.
     """
-    def find_state(times: Array) -> tuple[Array, Array]:
+    def find_state(times: Array) -> tuple[Array, Array, Array]:
         powers = flight.powers_at(times)
-        return flight.at(times), plan.powers[:, slots] if powers is None else powers
+        return (flight.at(times), plan.powers[:, slots] if powers is None else powers,
+                flight.due_at(times))
     return find_state
 
 

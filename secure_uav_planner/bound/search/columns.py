@@ -105,13 +105,17 @@ class Columns:
     @staticmethod
     def choose(parts: list[Columns], number: NDArray[np.intp]) -> Columns:
         """
-        Return columns (G, C) whose row g is row g of parts[number[g]]; all parts are (G, C).
+        Return columns (G, C) whose row g is row g of parts[number[g]].
+
+        C is the largest number of columns of a part. Parts with fewer repeat their last column.
 
         :param number: for each group the index of its Columns in `parts`, (G,).
         """
-        group = np.arange(len(number))
-        return Columns(*(np.stack([getattr(part, name) for part in parts])[number, group]
-                         for name in ('place', 'power', 'ground', 'leaks')))
+        group, counts = np.arange(len(number)), [part.power.shape[1] for part in parts]
+        columns = np.minimum(np.arange(max(counts)), np.array(counts)[:, None] - 1)
+        return Columns(*(np.stack([
+            getattr(part, name)[:, column] for part, column in zip(parts, columns)])[number, group]
+            for name in ('place', 'power', 'ground', 'leaks')))
 
     def spread(self, group: NDArray[np.intp], groups: int) -> Columns:
         """
