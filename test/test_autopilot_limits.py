@@ -70,7 +70,7 @@ def mission(folder, *limits):
         'ardupilot, uav1 at 5 m/s and 1.5 m/s^2: the defaults suffice',
         'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set WPNAV_SPEED to 1200 cm/s (default 1000, at '
         'most 2000)',
-        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: WPNAV_ACCEL would have to be 733 cm/s^2; lower '
+        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: WPNAV_ACCEL would have to be 733.3 cm/s^2; lower '
         'max_speed or max_acceleration (default 250, at most 500)',
         'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set ANGLE_MAX to 5000 cdeg (default 3000, at '
         'most 8000)']),

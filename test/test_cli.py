@@ -14,7 +14,7 @@ import sys
 from conftest import is_there
 from processes import environment, ROOT
 import pytest
-from secure_uav_planner import Channel, Origin, Plan, Scenario
+from secure_uav_planner import Channel, Eavesdropper, Origin, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from strategies import make_crowd
 
@@ -106,6 +106,16 @@ def test_a_plan_with_an_origin_is_written_as_a_map_in_degrees(planned, tmp_path,
     out, err = command('show', plain, '-o', tmp_path / 'z.geojson', status=2)
     assert out == '' and 'plan.json has no places in degrees; give its mission an origin' in err
     assert not (tmp_path / 'z.geojson').exists()
+
+
+def test_a_place_that_no_degrees_describe_costs_the_map_alone(tmp_path, command):
+    ship = Eavesdropper(track=((0.0, 200.0, 0.0, 10.0), (7200.0, 1.2e5, 0.0, 10.0)))
+    scenario = replace(Scenario.paper(120.0, slots=10), origin=Origin(47.4, 8.5))
+    replace(scenario, eavesdroppers=(ship,)).save(tmp_path / 'mission.yaml')
+    _, err = command('plan', tmp_path / 'mission.yaml', '-o', tmp_path, '--bound-time-limit', '0',
+                     '--no-baselines')
+    assert err.startswith('a place is 120 km from the origin') and err.count('\n') == 1
+    assert 'plan.geojson is not drawn' in err and (tmp_path / 'plan.html').exists()
 
 
 def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, command):

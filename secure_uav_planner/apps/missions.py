@@ -209,7 +209,7 @@ def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
         for parameter, value in parameters:
             text = f'set {parameter.name} to {value:g} {parameter.unit}'
             if (least := parameter.least(speed, acceleration)) > value:
-                text = (f'{parameter.name} would have to be {least:.0f} {parameter.unit}; lower '
+                text = (f'{parameter.name} would have to be {least:.4g} {parameter.unit}; lower '
                         'max_speed or max_acceleration')
             yield f'{uavs}: {text} (default {parameter.default:g}, at most {parameter.most:g})'
 

@@ -13,8 +13,8 @@ from .missions import choose_picture, load_input, locating_errors, make_folder, 
 from ..assessment import assess
 from ..bound import explain_refusal, shortest_duration, upper_bound
 from ..errors import (
-    describe_error, InfeasibleMissionError, MissingPackageError, name_missing_package, OptionError,
-    PlanningError, StoppedError)
+    describe_error, InfeasibleMissionError, name_missing_package, OptionError, PlanningError,
+    StoppedError)
 from ..mission.files import naming
 from ..mission.scenario import Scenario
 from ..optimize import fly_hover_fly, solve
@@ -88,8 +88,8 @@ def drawing_if_possible(file: Path) -> Iterator[None]:
         with drawing(file):
             yield
     except PlanningError as error:
-        print(f'{error}; {file.name} is not drawn' if isinstance(error, MissingPackageError)
-              else error, file=sys.stderr)
+        print(error if str(file) in str(error) else f'{error}; {file.name} is not drawn',
+              file=sys.stderr)
 
 
 def make_plan(options: argparse.Namespace) -> None:
@@ -190,10 +190,8 @@ def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]
     """Write CSV, map (with an origin), picture and page, and yield each file that is written."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
-    if plan.scenario.origin is not None:
-        plan.to_geojson(out / f'plan{_MAP}')
-        yield out / f'plan{_MAP}'
-    for file in (out / 'plan.png', out / 'plan.html'):
+    maps = [] if plan.scenario.origin is None else [out / f'plan{_MAP}']
+    for file in (*maps, out / 'plan.png', out / 'plan.html'):
         with drawing_if_possible(file):
             _save_view(plan, file, baselines)
             yield file
