@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Scenario, Uav
-from secure_uav_planner.errors import InfeasibleMissionError, TimeLimitError
+from secure_uav_planner.errors import InfeasibleMissionError, PlanError, TimeLimitError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.cone_program import minimise_utilisation
 from secure_uav_planner.model.problem import Problem
@@ -114,6 +114,22 @@ def test_the_duration_that_a_refusal_names_suffices_for_all_uavs_of_any_legal_mi
             assert fly_hover_fly(replace(Scenario.paper(1e4), **{**fields, 'duration': named[0]}))
             refused += 1
     assert refused > 90
+
+
+def test_slots_of_half_a_millisecond_do_not_hide_an_acceleration():
+    uavs = tuple(Uav(f'uav{x}', (x, 500.0), (x, 500.0), 100.0, 10.0, max_acceleration=2.0)
+                 for x in (0.0, 30.0))
+    plan = fly_hover_fly(Scenario((0.0, 0.0), (Eavesdropper((200.0, 0.0)),), uavs, 10.0, 20000))
+    turn = 2 * np.pi / plan.times[-1]
+
+    def swing(acceleration):
+        positions = np.repeat(plan.positions[:, :1], len(plan.times), axis=1)
+        positions[0, :, 1] += acceleration / turn**2 * (1 - np.cos(turn * plan.times))
+        return replace(plan, positions=positions)
+
+    swing(1.9)
+    with pytest.raises(PlanError, match='uav0.0 accelerates by 3 m/s'):
+        swing(3.0)
 
 
 def test_a_search_for_the_time_that_a_uav_needs_ends_with_the_time_limit():

@@ -75,9 +75,9 @@ class NormLimit(Limit):
 
     def validate(self, positions: Array, powers: Array) -> None:
         lengths = self._lengths(positions)
-        tolerance = max(POSITION_TOLERANCE, _ROUNDING * np.abs(positions).max())
+        rounding = _ROUNDING * np.abs(positions).max()
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
-            if length.max() > most + tolerance:
+            if length.max() > most + max(min(POSITION_TOLERANCE, 1e-3 * most), rounding):
                 raise PlanError(self._describe_excess(
                     uav, int(length.argmax()), float(length.max())))
 
