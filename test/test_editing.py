@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from processes import ROOT
 import pytest
-from secure_uav_planner import Eavesdropper, GroundNode, NoFlyZone, Scenario
+from secure_uav_planner import Eavesdropper, GroundNode, NoFlyZone, Scenario, Uav
 from secure_uav_planner.apps.editing import (
     add_member, drag, find_circle, list_handles, remove_member, set_field, to_mission)
 from secure_uav_planner.apps.mission_text import MissionText
@@ -89,16 +89,21 @@ def test_a_circle_of_many_corners_is_dragged_as_a_circle(change, center, radius)
     assert find_circle(PAPER.no_fly_zones[0].vertices) is None
 
 
-@pytest.mark.parametrize('scenario', [PAPER, EVERYTHING, Scenario.load(CITY)])
+INDOORS = Scenario((0.0, 0.0), (Eavesdropper((2.0, 0.0), 0.2),), (
+    Uav('hopper', (-2.0, -2.0), (2.0, 2.0), 3.0, 1.0),), 100.0, 20)
+
+
+@pytest.mark.parametrize('scenario', [PAPER, EVERYTHING, Scenario.load(CITY), INDOORS])
 def test_what_is_added_is_off_the_zones_and_can_be_flown(scenario):
     mission = to_mission(scenario)
     for kind in ('zone', 'jammer', 'zone', 'eavesdropper', 'jammer'):
         mission = add_member(mission, kind, map_extent(scenario))
     after = Scenario.from_dict(mission)  # It refuses starts and goals in zones.
     zones = [shapely.Polygon(zone.vertices) for zone in after.no_fly_zones]
+    room = min(1.0, 0.01 * np.ptp(map_extent(scenario), axis=0).max())
     for uav in after.uavs[len(scenario.uavs):]:
         assert min(shapely.Point(end).distance(zone) for zone in zones for end in (
-            uav.start, uav.goal)) > 1.0 + after.tracking_margin
+            uav.start, uav.goal)) > room + after.tracking_margin
 
 
 @pytest.mark.parametrize('nodes', [1, 2])

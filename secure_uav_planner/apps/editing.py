@@ -258,8 +258,8 @@ def _list_owners(mission: Mission, owner: str) -> list[Any]:
 
 def add_member(mission: Mission, kind: str, extent: Array) -> Mission:
     """Return the mission with one more eavesdropper, jammer or zone near the map's middle."""
-    size = float(np.ptp(extent, axis=0).max() // 40)
-    x, y = _find_room(mission, extent.mean(axis=0).round(), size)
+    size = max(0.1, round(float(np.ptp(extent, axis=0).max()) / 40, 1))
+    x, y = _find_room(mission, extent.mean(axis=0).round(1), size)
     members: dict[str, tuple[str, Mission]] = {
         'eavesdropper': ('eavesdroppers', {'position': [x, y], 'error_radius': size}),
         'zone': ('no_fly_zones', {'vertices': [
@@ -292,7 +292,7 @@ def _find_room(mission: Mission, middle: Array, size: float) -> list[float]:
     for radius in range(_MOST_RINGS):
         for angle in np.arange(max(1, 6 * radius)) * 2 * np.pi / max(1, 6 * radius):
             x, y = place = (middle + radius * size * np.array([np.cos(angle), np.sin(angle)])
-                            ).round().tolist()
+                            ).round(1).tolist()
             square = shapely.box(x - size, y - size, x + size, y + size)
             if not any(map(square.intersects, taken)) and (
                     not fence or fence.contains(square)):
