@@ -117,6 +117,14 @@ def test_no_track_is_left_with_a_single_knot(nodes):
             assert len(after.ground_nodes) == 1
 
 
+def test_a_ground_node_goes_with_its_head_start():
+    nodes = tuple(GroundNode((60.0 * number, 0.0), f'node {number}') for number in range(3))
+    mission = to_mission(replace(PAPER, ground_nodes=nodes, head_starts=(10.0, 20.0, 5.0)))
+    number = next(number for number, handle in enumerate(list_handles(mission))
+                  if handle.removes == ('ground_nodes', 1))
+    assert Scenario.from_dict(remove_member(mission, number)).head_starts == (10.0, 5.0)
+
+
 def test_a_single_uav_cannot_be_removed():
     mission = to_mission(PAPER)
     for _ in range(2):

@@ -456,6 +456,14 @@ def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
     assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(
         late.curve_rates, rel=0.01, abs=0.01)
     assert np.abs(late.curve_rates - on_time.curve_rates).max() > 0.05
+    # A replan that expects the delay changes nothing for the slots before it.
+    begin = 25 * plan.scenario.slot_duration
+    revision = replace(late, powers=0.99 * late.powers, promise_delay=5.0)
+    write_bag(flight, tmp_path / 'replanned', [(-math.inf, on_time), (begin + 5.0, revision)],
+              late=5.0)
+    comparison = compare(on_time, read_flight(tmp_path / 'replanned', on_time))
+    assert comparison.achieved['guaranteed'].sum(axis=0)[:24] == pytest.approx(
+        late.curve_rates[:24], rel=0.01, abs=0.01)
 
 
 def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):

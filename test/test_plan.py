@@ -97,6 +97,13 @@ def test_a_plan_that_carries_nothing_says_why(changes, reason):
     assert 'secret' not in fly_hover_fly(Scenario.paper(120.0, slots=10)).message
 
 
+def test_a_small_head_start_hides_no_reason_for_a_rate_of_0():
+    scenario = replace(Scenario.paper(120.0, slots=8), ground_nodes=(
+        GroundNode((0.0, 0.0), 'a'), GroundNode((-300.0, 0.0), 'b')),
+        eavesdroppers=(Eavesdropper((0.0, 0.0), 30.0),), head_starts=(1e-6, 0.0))
+    assert 'covers the ground node a' in fly_hover_fly(scenario).message
+
+
 def test_a_plan_of_rate_0_names_the_ground_nodes_that_nothing_is_carried_to():
     nodes = tuple(GroundNode(place, name) for place, name in (
         ((0.0, 0.0), 'barn'), ((200.0, 5.0), 'mill'), ((0.0, 200.0), 'farm')))

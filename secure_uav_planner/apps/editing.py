@@ -171,6 +171,8 @@ def replace_value(mission: Mission, path: FieldPath, change: Callable[[Any], Any
 def remove_member(mission: Mission, number: int) -> Mission:
     """Return the mission without the member that the Handle of this number removes."""
     removes = list_handles(mission)[number].removes
+    if removes[:1] == ('ground_nodes',) and len(removes) == 2 and mission.get('head_starts'):
+        mission = replace_value(mission, ('head_starts', removes[1]), lambda _: None)
     return replace_value(mission, removes, lambda _: None) if removes else mission
 
 

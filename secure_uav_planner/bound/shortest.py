@@ -168,22 +168,25 @@ class _Search:
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
         flown. Durations grow by the factor `growth`. If one is too long, since a shorter one can
         be flown or takes less energy, the factor becomes its square root. Until one is too short,
-        durations that are too long are halved. If no duration that is tried delivers the bits,
-        InfeasibleMissionError is raised.
+        durations that are too long are halved. If none of these can be flown, longer ones follow.
+        If no duration that is tried delivers the bits, InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
-        duration = self._scenario.duration
+        duration, is_upward = self._scenario.duration, False
         while True:
             plan = self._plan_flight(duration)
             if self.best is not None:
                 return self.best, low, delivered
             is_too_long = plan is None and (
-                delivered is not None or self._takes_more_energy(duration))
+                delivered is not None or not is_upward and self._takes_more_energy(duration))
             if not is_too_long:
                 low, delivered = duration, None if plan is None else _count_bits(plan)
             elif low:
                 growth = math.sqrt(growth)
+            if growth < _LEAST_GROWTH and self.last is None and not is_upward:
+                # Detours are faster than straight flights: a longer one may take less.
+                low, growth, is_upward = self._scenario.duration, _GROWTH, True
             if low >= longest or growth < _LEAST_GROWTH:
                 if self.last is None:
                     raise self._refusal

@@ -170,9 +170,11 @@ def _convert_places(places: Array, origin: Origin) -> Array:
 
 
 def _count_pieces(degrees: Array, metres: Array, origin: Origin) -> NDArray[np.int_]:
-    """Return the number of pieces of each edge (K,), chosen by the bend at its middle."""
-    middles = [(places + np.roll(places, -1, axis=0)) / 2 for places in (degrees, metres)]
-    bends = np.linalg.norm(_convert_places(middles[0], origin) - middles[1], axis=1)
+    """Return the number of pieces of each edge (K,), by the bends at its quarters."""
+    edges = [np.roll(places, -1, axis=0) - places for places in (degrees, metres)]
+    bends = np.max([np.linalg.norm(
+        _convert_places(degrees + share * edges[0], origin) - (metres + share * edges[1]), axis=1)
+        for share in (0.25, 0.5, 0.75)], axis=0)
     return np.maximum(np.ceil(np.sqrt(bends / _LARGEST_BEND)), 1).astype(int)
 
 

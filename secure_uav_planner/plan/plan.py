@@ -13,7 +13,7 @@ import numpy as np
 from . import file
 from .promise import find_promised_slots, Mask, Promise
 from .results import (
-    Bound, explain_zero_rate, Iteration, RatedFlight, Status, STATUS_TEXTS, STATUSES)
+    Bound, explain_zero_rate, Iteration, LEAST_RATE, RatedFlight, Status, STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
@@ -41,7 +41,6 @@ __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
 
 _WIDTH = Number(2.5, 100.0, 'inches')  # Allowed widths of a picture.
-_LEAST_RATE = 5e-5  # Smallest rate [bit/s/Hz] that a text with four digits does not show as 0.
 
 
 def _checked_gaps(values: Any) -> tuple[tuple[float, float], ...]:
@@ -207,10 +206,10 @@ class Plan(RatedFlight):
                 proven = math.floor(10 * self.too_short) / 10
                 text += f', and no flight of {proven:.1f} s does, which is proven'
             text += self.promise.text and f'; {self.promise.text}'
-        if self.powers[0].any() and self.rate >= _LEAST_RATE:
+        if self.powers[0].any() and self.rate >= LEAST_RATE:
             return text
         served = (self.node_rates + self.scenario.node_offsets
-                  >= _LEAST_RATE * self.scenario.node_weights)
+                  >= LEAST_RATE * self.scenario.node_weights)
         silent = [name for name, is_served in zip(
             self.scenario.ground_node_names, served, strict=True) if not is_served]
         nodes = f' to {" and ".join(silent)}' if self.powers[0].any() and served.any() else ''

@@ -35,12 +35,16 @@ STATUS_TEXTS: dict[Status, str] = {
 
 _RATE = Number(-math.inf, math.inf, 'bit/s/Hz')
 
+LEAST_RATE = 5e-5
+"""Smallest rate [bit/s/Hz] that a text with four digits does not show as 0."""
+
 _LOWEST_SNR_DB = -30.0  # An SNR [dB] below this carries less than 0.0015 bit/s/Hz.
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 
-def explain_silence(scenario: Scenario, bits: float = 0.0, slots: int | None = None) -> str:
+def explain_silence(scenario: Scenario, bits: float | None = None, slots: int | None = None
+                    ) -> str:
     """
     Say why no plan of a scenario can carry anything in secret, or return an empty string.
 
@@ -48,8 +52,8 @@ def explain_silence(scenario: Scenario, bits: float = 0.0, slots: int | None = N
     the disc of an eavesdropper that receives no worse covers a ground node, or a ground node that
     is not trusted is always where another one is.
 
-    :param bits: delivery [bit/Hz] that is asked for. A ground node whose head start over weight
-        is above it needs nothing, and is left out.
+    :param bits: delivery [bit/Hz] that is asked for, by default that of LEAST_RATE. A ground node
+        whose head start over weight is above it needs nothing, and is left out.
     :param slots: number of slots that are looked at, from slot 1 on. By default it is the number
         of slots of the scenario; a larger number looks at later slots of the same length, too.
     """
@@ -61,7 +65,8 @@ def explain_silence(scenario: Scenario, bits: float = 0.0, slots: int | None = N
         np.linalg.norm(centres - grounds[:, np.newaxis], axis=-1) <= radii)
     names = scenario.ground_node_names
     heads = np.array(scenario.head_starts or [0.0] * len(names))
-    for node in np.flatnonzero(heads <= bits * scenario.node_weights):
+    asked = LEAST_RATE * scenario.duration if bits is None else bits
+    for node in np.flatnonzero(heads <= asked * scenario.node_weights):
         discs = covers[node]
         if discs.any(axis=0).all():
             name = scenario.eavesdropper_names[int(discs.sum(axis=1).argmax())]

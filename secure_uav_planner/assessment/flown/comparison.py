@@ -248,7 +248,7 @@ def _make_flown_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
     def find_state(times: Array) -> tuple[Array, Array, Array]:
         powers = flight.powers_at(times)
         return (flight.at(times), plan.powers[:, slots] if powers is None else powers,
-                flight.due_at(times))
+                flight.due_at(times, plan))
     return find_state
 
 

@@ -81,17 +81,20 @@ class FlownFlight:
             rows.append(np.where(last < 0, 0.0, watts[np.maximum(last, 0)]))
         return np.stack(rows)
 
-    def due_at(self, times: Array) -> Array:
+    def due_at(self, times: Array, plan: Plan) -> Array:
         """
-        Return the planned times (K,) [s] at which the flight was at its times (K,) [s].
+        Return the times (K,) [s] that were due, by a plan, at the flight's times (K,) [s].
 
-        Receivers that move are where they are at the planned time. It differs from the flight's
-        time in a flight by 'plan_time' that pauses, is late, or has another playback speed.
+        Receivers that move are where they are at the time that is due. It differs from the
+        flight's time in a flight by 'plan_time' that pauses, is late, or has another playback
+        speed.
+
+        :param plan: the plan in force at these times.
         """
         times, log = checked_array('times', times, (None,)), next(iter(self.logs.values()))
         if self.time_from != 'plan_time' or log.plan_times is None:
             return times
-        plan, (clock, flown) = self.plan, log.plan_times
+        clock, flown = log.plan_times
         begin = (clock[0] - flown[0] if plan.start_ns is None or log.utc_offset is None else
                  plan.start_ns * 1e-9 - log.utc_offset)
         return np.asarray(plan.promise_speed * (
