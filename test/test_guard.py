@@ -211,6 +211,8 @@ def test_a_stream_passes_beside_one_that_jumps_and_what_becomes_of_it_is_told_wi
     assert guard.stream(now + 2 * SECOND, LIMITS) == ('silent', '')
     guard.note_refusal('it is 50.0 m from the vehicle', now + 3 * SECOND)
     assert guard.stream(now + 3 * SECOND, LIMITS) == ('refused', 'it is 50.0 m from the vehicle')
+    guard.forget_stream()  # As when the relay is enabled again.
+    assert guard.stream(now + 3 * SECOND, LIMITS) == ('silent', '')
 
 
 def test_a_stream_has_a_state_from_its_first_setpoint_to_its_end():

@@ -173,8 +173,8 @@ class Guard:
         return self._last.hold()
 
     def forget_stream(self) -> None:
-        """Let the next setpoint begin a stream."""
-        self._last = None
+        """Let the next setpoint begin a stream, and forget why one was refused before."""
+        self._last, self._refusal = None, ('', 0)
 
     def has_ended(self, now: int, limits: Limits) -> bool:
         """Return True once when setpoints have ceased to come; the stream is then forgotten."""
