@@ -83,6 +83,21 @@ def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(plan):
     assert bench.player.flight.time == pytest.approx(time + 10.0 - STEP)
 
 
+@pytest.mark.parametrize('has_ended', [False, True])
+def test_after_the_clock_was_set_back_in_flight_a_plan_of_the_new_time_is_new(plan, has_ended):
+    bench = start_flight(plan, 30.0)
+    bench.now = BEGIN - 3600 * SECOND
+    bench.run(150.0 if has_ended else 10.0)
+    old = replace(plan, start_ns=BEGIN - 3601 * SECOND)
+    assert not bench.player.load(old) and 'a plan that has been flown' in bench.refused.pop()
+    bench.player.reset()
+    new = replace(plan, start_ns=bench.now + 20 * SECOND)
+    assert bench.player.load(new) and not bench.refused
+    bench.player.start()
+    bench.run(40.0)
+    assert bench.player.playback.plan is new and bench.player.flight.state == 'flying'
+
+
 @pytest.mark.parametrize('slots', [200, 20000])
 def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slots, monkeypatch):
     scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0,

@@ -363,8 +363,9 @@ class Player:
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:
-            start_ns = flight.playback.plan.start_ns
-            self._flown_ns = -1 if start_ns is None else start_ns
+            start_ns, now_ns = flight.playback.plan.start_ns, self._last_tick_ns
+            # The start is still to come after the clock was set back, but new plans begin earlier.
+            self._flown_ns = -1 if start_ns is None or now_ns is None else min(start_ns, now_ns)
         if self.ended and before.state != 'ended':
             # A plan that is still pending begins without another call of start().
             self.playing = self.playing and self._pending is not None
