@@ -225,6 +225,28 @@ def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahe
     assert 10.0 < bench.lag < 30.0 if before_pause else bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize('happening', ['pause', 'low speed', 'jump ahead', 'jump back'])
+def test_a_plan_that_waits_for_its_splice_and_comes_again_keeps_it_and_takes_the_promise(
+        plan, happening):
+    bench = start_flight(plan, 20.0)
+    next_plan = replace(plan_continuation(bench, plan, 6.0), promised_until=90.0)
+    assert bench.player.load(next_plan)
+    bench.run(1.0)
+    if happening == 'pause':
+        bench.player.pause()
+        bench.run(10.0)
+    elif happening == 'low speed':
+        bench.run(6.0, speed=0.5)
+    else:
+        bench.now += (3 if happening == 'jump ahead' else -3) * SECOND
+        bench.run(STEP)
+    again = next_plan.end_promise(0.0)
+    assert not bench.player.load(again)
+    bench.player.start()
+    bench.run(15.0)
+    assert bench.player.playback.plan is again and not bench.refused
+
+
 @pytest.mark.parametrize('is_paused', [False, True])
 def test_a_plan_back_begins_after_the_flight_at_its_own_time_and_not_in_a_pause(plan, is_paused):
     bench = start_flight(plan, 25.0)
