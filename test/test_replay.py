@@ -133,8 +133,8 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
                  'elsewhere')
             wait_for(lambda: has_said(
-                process, "it is in frame 'elsewhere' and the setpoints are in 'earth'",
-                seconds + 1))
+                process, "it is in frame 'elsewhere' and the setpoints are in 'earth'; call "
+                '~/reset, then ~/plan and ~/start', seconds + 1))
         count = len(poses)
         wait_for(lambda: len(poses) > count + 3)
         assert {pose.header.frame_id for pose in poses} == {'earth'}

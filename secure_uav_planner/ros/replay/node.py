@@ -167,7 +167,8 @@ class Replay(WorkingNode):
         self._warnings.clear('plan')
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
-                                f'{quote(self._frame_id)}; ~/reset ends them')
+                                f'{quote(self._frame_id)}; call ~/reset, then ~/plan and '
+                                '~/start')
         else:
             self._adopt(plan, frame_id)
 
