@@ -5,6 +5,7 @@ from dataclasses import replace
 import threading
 import time
 
+from nav_msgs.msg import Path
 from processes import ROOT, run_python
 import pytest
 from ros_nodes import node_here, node_process, wait_for, wait_for_line
@@ -14,7 +15,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.topics import LATCHED, REQUESTS
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from strategies import with_uavs
 
@@ -213,11 +214,20 @@ def test_a_path_and_powers_of_another_planner_become_a_plan_that_the_replay_take
         client, tmp_path):
     PAPER.save(tmp_path / 'mission.yaml')
     plan = replace(fly_hover_fly(PAPER), start_ns=10**18)
+    sent = {topic: message for topic, message in messages.plan_messages(plan, 'earth')
+            if topic.endswith(('/path', '/power'))}
     with node_process(ROOT / 'examples/ros/plan_from_path.py',
-                      mission_file=tmp_path / 'mission.yaml'), node_here('replay') as replay:
-        for topic, message in messages.plan_messages(plan, 'earth'):
-            if topic.endswith(('/path', '/power')):
-                client.publisher(type(message), topic, LATCHED).publish(message)
+                      mission_file=tmp_path / 'mission.yaml') as program, (
+            node_here('replay')) as replay:
+        # Without the poses of a path or the powers of a slot it goes on.
+        for kind, reason in ((Path, 'a path has no poses'), (Float64MultiArray, 'no plan: ')):
+            before = len(program.lines)
+            for topic, message in sent.items():
+                client.publisher(type(message), topic, LATCHED).publish(
+                    kind() if isinstance(message, kind) else message)
+            wait_for(lambda: any(reason in line for line in program.lines[before:]))
+        for topic, message in sent.items():
+            client.publisher(type(message), topic, LATCHED).publish(message)
         made = wait_for(lambda: client.last_plan)
         wait_for_line(replay, f'got a plan of 40 slots for uav1, uav2: {made.identity}')
     assert made.identity == plan.identity

@@ -52,7 +52,7 @@ def test_whatever_comes_what_is_sent_moves_within_the_limits_and_its_stamps_neve
         if (held := guard.hold(now)) is not None:
             sent.append((ends, held))
             assert held.velocity == held.acceleration == (0.0, 0.0, 0.0)
-        if passes(guard, at(x, now - late)):
+        if passes(guard, at(x, now - late), now):
             sent.append((ends, at(x, now - late)))
     for (stream, old), (same, new) in pairwise(sent):
         # The time without setpoints counts, up to the one after which a stream has ended.
@@ -155,6 +155,44 @@ def test_a_clock_that_jumps_ends_the_stream_and_the_next_setpoint_begins_one(jum
     assert passes(guard, at(x, now)) and guard.hold(now) is None
 
 
+@pytest.mark.parametrize('is_under_way', [False, True])
+@pytest.mark.parametrize('back', [0.03, 0.2, 0.5, 0.97, 1.5])
+def test_a_stream_goes_on_when_the_clock_is_set_back_and_only_then_its_stamps_may(
+        back, is_under_way):
+    guard, x, now = streamed()
+    if is_under_way:  # It was sent before the clock was set back and comes after it.
+        sent, now = at(x + 0.5, now + STEP), now + STEP - round(back * SECOND)
+        assert passes(guard, sent, now) == (back <= 1.0)
+        x += 0.5
+    else:
+        now -= round(back * SECOND)
+    for number in range(1, 100):
+        later = now + number * STEP
+        if number == 3 and back <= 1.0:  # No jump is allowed meanwhile.
+            refuses(guard, at(x + 0.5 * number + 1.1, later), 'm from the last one')
+        assert passes(guard, at(x + 0.5 * number, later))
+        assert guard.stream(later, LIMITS) == ('passing', '')
+    refuses(guard, at(x + 0.5 * number, later - STEP), 'older than the last one', later)
+
+
+@given(st.lists(st.tuples(st.integers(0, SECOND), st.integers(0, SECOND // 10),
+                          st.integers(0, SECOND), st.integers(0, SECOND),
+                          st.floats(-12.0, 12.0)), max_size=40))
+def test_a_clock_that_is_set_back_allows_no_larger_moves_than_the_time_that_has_passed(moves):
+    guard, time, offset, x, last = Guard(), 10 * SECOND, 0, 0.0, None
+    for wait, latency, back, back_under_way, move in moves:
+        time, x = time + wait, x + move
+        sent, stamp = time, time - (offset := offset + back)
+        time += latency
+        now = time - (offset := offset + back_under_way)
+        if guard.state(now, LIMITS) is StreamState.ENDED:
+            last = None  # What jumps back farther than the timeout ends the stream.
+        if passes(guard, at(x, stamp), now):
+            assert last is None or abs(x - last[1]) <= 1.0 + 10.0 * (sent - last[0]) / SECOND + (
+                1e-9)
+            last = sent, x
+
+
 def test_a_stream_passes_beside_one_that_jumps_and_what_becomes_of_it_is_told_with_its_reason():
     guard, x, now = streamed()
     assert guard.stream(now, LIMITS) == ('passing', '')
@@ -173,6 +211,8 @@ def test_a_stream_passes_beside_one_that_jumps_and_what_becomes_of_it_is_told_wi
     assert guard.stream(now + 2 * SECOND, LIMITS) == ('silent', '')
     guard.note_refusal('it is 50.0 m from the vehicle', now + 3 * SECOND)
     assert guard.stream(now + 3 * SECOND, LIMITS) == ('refused', 'it is 50.0 m from the vehicle')
+    guard.forget_stream()  # As when the relay is enabled again.
+    assert guard.stream(now + 3 * SECOND, LIMITS) == ('silent', '')
 
 
 def test_a_stream_has_a_state_from_its_first_setpoint_to_its_end():

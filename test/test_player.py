@@ -83,6 +83,21 @@ def test_a_flight_goes_on_when_the_clock_is_set_back_before_its_begin(plan):
     assert bench.player.flight.time == pytest.approx(time + 10.0 - STEP)
 
 
+@pytest.mark.parametrize('has_ended', [False, True])
+def test_after_the_clock_was_set_back_in_flight_a_plan_of_the_new_time_is_new(plan, has_ended):
+    bench = start_flight(plan, 30.0)
+    bench.now = BEGIN - 3600 * SECOND
+    bench.run(150.0 if has_ended else 10.0)
+    old = replace(plan, start_ns=BEGIN - 3601 * SECOND)
+    assert not bench.player.load(old) and 'a plan that has been flown' in bench.refused.pop()
+    bench.player.reset()
+    new = replace(plan, start_ns=bench.now + 20 * SECOND)
+    assert bench.player.load(new) and not bench.refused
+    bench.player.start()
+    bench.run(40.0)
+    assert bench.player.playback.plan is new and bench.player.flight.state == 'flying'
+
+
 @pytest.mark.parametrize('slots', [200, 20000])
 def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slots, monkeypatch):
     scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0,
@@ -208,6 +223,28 @@ def test_a_continuation_is_spliced_in_at_its_time_which_a_pause_delays(plan, ahe
     assert bench.player.playback.plan is next_plan and not bench.refused
     assert bench.player.flight.time_scale == 1.0
     assert 10.0 < bench.lag < 30.0 if before_pause else bench.lag == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('happening', ['pause', 'low speed', 'jump ahead', 'jump back'])
+def test_a_plan_that_waits_for_its_splice_and_comes_again_keeps_it_and_takes_the_promise(
+        plan, happening):
+    bench = start_flight(plan, 20.0)
+    next_plan = replace(plan_continuation(bench, plan, 6.0), promised_until=90.0)
+    assert bench.player.load(next_plan)
+    bench.run(1.0)
+    if happening == 'pause':
+        bench.player.pause()
+        bench.run(10.0)
+    elif happening == 'low speed':
+        bench.run(6.0, speed=0.5)
+    else:
+        bench.now += (3 if happening == 'jump ahead' else -3) * SECOND
+        bench.run(STEP)
+    again = next_plan.end_promise(0.0)
+    assert not bench.player.load(again)
+    bench.player.start()
+    bench.run(15.0)
+    assert bench.player.playback.plan is again and not bench.refused
 
 
 @pytest.mark.parametrize('is_paused', [False, True])

@@ -133,8 +133,8 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
                  'elsewhere')
             wait_for(lambda: has_said(
-                process, "it is in frame 'elsewhere' and the setpoints are in 'earth'",
-                seconds + 1))
+                process, "it is in frame 'elsewhere' and the setpoints are in 'earth'; call "
+                '~/reset, then ~/plan and ~/start', seconds + 1))
         count = len(poses)
         wait_for(lambda: len(poses) > count + 3)
         assert {pose.header.frame_id for pose in poses} == {'earth'}
@@ -142,6 +142,19 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, p
         assert client.call('replay/reset').success
         send(client, plan, start_ns + 2 * 10**9, 'elsewhere')
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
+
+
+def test_the_end_is_logged_once_where_a_plan_that_waited_for_it_is_refused(client, poses, plan):
+    with node_here('replay', speed=40.0) as process:
+        start_ns = begins_at(0.0)
+        send(client, plan, start_ns)
+        wait_for(lambda: got(process))
+        assert client.call('replay/start').success
+        wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
+        send(client, plan, start_ns + 3600 * 10**9)
+        wait_for_line(process, 'the new plan is not played: its setpoint of uav1')
+        assert not client.call('replay/pause').success  # It is answered after that tick.
+        assert sum('end of the plan' in line for line in process.lines) == 1
 
 
 def test_the_time_of_the_plan_is_told_often_and_at_once_after_a_start_and_a_pause(

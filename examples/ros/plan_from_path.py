@@ -17,6 +17,8 @@ from std_msgs.msg import Float64MultiArray, String
 
 def make_plan(mission, paths, powers):
     """Return the Plan of a nav_msgs/Path and the powers in W of the slots for each UAV."""
+    if not all(path.poses for path in paths):
+        raise PlanningError('a path has no poses')
     places = [[(at.pose.position.x, at.pose.position.y) for at in path.poses] for path in paths]
     first, last = (messages.nanoseconds(paths[0].poses[at].header.stamp) for at in (0, -1))
     slots = len(powers[0])

@@ -92,18 +92,21 @@ class Player:
         """
         Adopt a plan now or later, or refuse it; return False if it is refused or not new.
 
-        A plan with the identity of the present one is not new: only its promise is taken over. A
-        revision has the same start as the present plan. A plan for other UAVs is refused. A plan
-        that starts no later than the last flown plan is refused, unless it is a revision. Without
-        a stream of setpoints, a new plan replaces the present one at once. In a stream, only a
-        revision does. Any other plan is pending until the splice, at which the present plan ends
-        or reaches the start of the new one. A pause or a lower speed before the splice delays the
-        new plan, too. In a stream, a plan whose setpoints would jump is refused.
+        A plan with the identity of the present or the pending one is not new: only its promise is
+        taken over. A revision has the same start as the present plan. A plan for other UAVs is
+        refused. A plan that starts no later than the last flown plan is refused, unless it is a
+        revision. Without a stream of setpoints, a new plan replaces the present one at once. In a
+        stream, only a revision does. Any other plan is pending until the splice, at which the
+        present plan ends or reaches the start of the new one. A pause or a lower speed before the
+        splice delays the new plan, too. In a stream, a plan whose setpoints would jump is refused.
         """
         new, flight = Playback(plan, self._mutes_unpromised), self.flight
         current = None if flight is None else flight.playback.plan
         if current is not None and plan.identity == current.identity:
             self._renew(new)  # The same flight; its promise may now last longer.
+            return False
+        if self._pending is not None and plan.identity == self._pending[0].plan.identity:
+            self._latest, self._pending = new, (new, self._pending[1])  # Its splice stays.
             return False
         if current is not None and (problem := _explain_team(plan, current)):
             self.refuse(problem)
@@ -363,8 +366,9 @@ class Player:
         flight = self.flight
         assert flight is not None
         if flight.time > before.time:
-            start_ns = flight.playback.plan.start_ns
-            self._flown_ns = -1 if start_ns is None else start_ns
+            start_ns, now_ns = flight.playback.plan.start_ns, self._last_tick_ns
+            # The start is still to come after the clock was set back, but new plans begin earlier.
+            self._flown_ns = -1 if start_ns is None or now_ns is None else min(start_ns, now_ns)
         if self.ended and before.state != 'ended':
             # A plan that is still pending begins without another call of start().
             self.playing = self.playing and self._pending is not None

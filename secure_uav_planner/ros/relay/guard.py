@@ -77,6 +77,7 @@ class Guard:
         self._last: Setpoint | None = None  # The last setpoint that has passed.
         self._last_passed = 0  # Arrival [ns] of the last setpoint that has passed.
         self._last_arrived = 0  # Arrival [ns] of the last setpoint with a fresh stamp.
+        self._latest = 0  # Latest time [ns] of the clock at an arrival in the stream.
         self._refusal = '', 0  # Reason and arrival [ns] of the last refused setpoint.
         self._vehicle: tuple[Vector, int] | None = None  # Measured position; its arrival [ns].
         self._has_moved = False  # Whether the frame has moved since the last setpoint passed.
@@ -131,8 +132,10 @@ class Guard:
         Keep a setpoint as the last one that has passed, or raise an OptionError with the reason.
 
         It must be fresh, keep the limits of motion, and be no jump from the last one of the
-        stream. With a start_tolerance, a setpoint near the vehicle may jump; the first setpoint of
-        a stream, or after a change of the frame, must be near the vehicle.
+        stream. Its stamp may be older than the last one's only while a clock that was set back
+        repeats times; no time counts as passed between the two. With a start_tolerance, a setpoint
+        near the vehicle may jump; the first setpoint of a stream, or after a change of the frame,
+        must be near the vehicle.
         """
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
@@ -143,7 +146,9 @@ class Guard:
         _check_motion(setpoint, limits)
         is_first = state in (StreamState.NONE, StreamState.ENDED)
         must_begin = is_first or state is StreamState.NEW
-        problem = '' if is_first else _explain_jump(self._last, setpoint, limits)
+        self._latest = now if is_first else max(self._latest, now)
+        problem = '' if is_first else _explain_jump(
+            self._last, setpoint, limits, may_be_older=now < self._latest)
         if limits.start_tolerance and (problem or must_begin):
             distant = self._explain_start(setpoint, now, limits)
             # A setpoint near the vehicle may start a new stream.
@@ -168,8 +173,8 @@ class Guard:
         return self._last.hold()
 
     def forget_stream(self) -> None:
-        """Let the next setpoint begin a stream."""
-        self._last = None
+        """Let the next setpoint begin a stream, and forget why one was refused before."""
+        self._last, self._refusal = None, ('', 0)
 
     def has_ended(self, now: int, limits: Limits) -> bool:
         """Return True once when setpoints have ceased to come; the stream is then forgotten."""
@@ -202,14 +207,15 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
         raise OptionError(f'it has {acceleration:.3g} m/s^2, and {name} {most:.3g} m/s^2')
 
 
-def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits) -> str:
+def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits,
+                  may_be_older: bool) -> str:
     """Return why a setpoint is older than the last one or too far from it, or an empty string."""
     assert last is not None
     step = (setpoint.time_ns - last.time_ns) * 1e-9
-    if step < 0:
+    if step < 0 and not may_be_older:
         return f'it is {-step:.3g} s older than the last one'
     distance = math.dist(setpoint.position, last.position)
-    most = limits.max_jump + limits.max_speed * min(step, limits.timeout)
+    most = limits.max_jump + limits.max_speed * min(max(0.0, step), limits.timeout)
     return '' if distance <= most else (
         f'it is {distance:.1f} m from the last one, and max_jump and max_speed allow '
         f'{most:.1f} m')

@@ -167,7 +167,8 @@ class Replay(WorkingNode):
         self._warnings.clear('plan')
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
-                                f'{quote(self._frame_id)}; ~/reset ends them')
+                                f'{quote(self._frame_id)}; call ~/reset, then ~/plan and '
+                                '~/start')
         else:
             self._adopt(plan, frame_id)
 
@@ -278,7 +279,7 @@ class Replay(WorkingNode):
             if player.playing and (waits := self._release.update(self._unmet_conditions(now))):
                 self.get_logger().info(brief(waits))
         self._warn_of_lost_relays()
-        was_playing, has_plan = player.playing, player.flight is not None
+        may_end, has_plan = player.playing and not player.ended, player.flight is not None
         moment = player.tick(now, self._settings.speed, self._eavesdropper,
                              is_ready=not self._release.unmet, longest=longest,
                              is_silent=self._update_silence(now))
@@ -291,7 +292,7 @@ class Replay(WorkingNode):
                 self._publish(moment, clock.to_msg())
             self._streamed += 1
             self._log_promise()
-        if was_playing and player.ended:
+        if may_end and player.ended:
             self._announce_end()
 
     def _update_silence(self, now_ns: int) -> bool:
