@@ -69,12 +69,15 @@ def generate_launch_description() -> LaunchDescription:
 
 def node(executable: str, context: LaunchContext, parameters: dict | None = None) -> Node:
     """Return one node of this package, with the parameters of the file and others beside them."""
-    files = list(filter(None, [LaunchConfiguration('params_file').perform(context)]))
+    mission, file = (LaunchConfiguration(name).perform(context)
+                     for name in ('mission_file', 'params_file'))
+    # The arguments are last, and only last: ROS lets the name that comes first lose.
+    arguments = {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}
+    if mission:
+        arguments['mission_file'] = mission
     return Node(
         package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
-        parameters=[{'mission_file': LaunchConfiguration('mission_file')}, *files,
-                    {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}],
-        output='screen')
+        parameters=[*([file] if file else []), arguments], output='screen')
 
 
 def check_files(context: LaunchContext) -> None:

@@ -118,7 +118,7 @@ def test_a_stream_that_stops_is_held_without_speed_with_the_heartbeat_of_px4_and
         assert not modes  # Nothing keeps PX4 in a mode that nobody flies in.
         source.until(lambda: targets and modes)
         # Setpoints stop: the last place is held for a while, and then nothing comes any more.
-        wait_for_line(process, 'no setpoint of uav1 has come for 3 s; nothing more is sent')
+        wait_for_line(process, 'no fresh setpoint of uav1 has come for 3 s; nothing more is sent')
         flown = sum(target.velocity.any() for target in targets)
         assert flown <= len(source.stamps)
         wait_for(lambda: rests(modes))
@@ -164,7 +164,7 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
 def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(packages, client):
     """What is a jump, or too fast, is told by test_guard.py; what is no setpoint, elsewhere."""
     targets = listen_to_mavros(packages, client)
-    with node_here('relay', start_tolerance=0.0, stack='mavros', setpoint_timeout=60.0,
+    with node_here('relay', start_tolerance=0.0, stack='mavros', setpoint_timeout=3.0,
                    uav1__max_acceleration=2.0) as process:
         source = Source(client, 'uav1')
         linear = source.message.points[0].accelerations[0].linear
@@ -186,6 +186,13 @@ def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(
             process, 'a setpoint of uav1 is not relayed: it is 400.0 m from the last one'))
         source.until(lambda: not numbers(targets[-1].velocity, 'xy')[0])
         assert {target.position.x for target in targets} == {10.0}
+        # Setpoints in another frame hold the place, too, also beyond setpoint_timeout.
+        source.message.header.frame_id, until = 'odom', time.monotonic() + 4.0
+        source.until(lambda: time.monotonic() > until)
+        count = len(targets)
+        source.until(lambda: len(targets) > count)
+        assert not has_said(process, 'nothing more is sent')
+        source.message.header.frame_id = 'map'
         # It follows again from there.
         source.place.x = 12.0
         source.until(lambda: targets[-1].position.x == 12.0)

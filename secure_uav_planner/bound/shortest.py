@@ -11,7 +11,7 @@ from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
 from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
-from ..mission.participants import Propulsion
+from ..mission.participants import Uav
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.channel.links import make_link
@@ -70,8 +70,17 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 
 def find_longest_duration(scenario: Scenario) -> float:
-    """Return the longest duration [s] that a scenario may have with its slots' length."""
-    return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration)
+    """Return the longest duration [s] that slots of this length and the batteries allow."""
+    batteries = [uav.max_energy / _find_least_power(uav) for uav in scenario.uavs
+                 if uav.max_energy is not None]
+    return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration,
+               *batteries)
+
+
+def _find_least_power(uav: Uav) -> float:
+    """Return a power of propulsion [W] that a UAV needs at any speed, to 0.1%."""
+    assert uav.propulsion is not None
+    return 0.999 * float(uav.propulsion.power(np.linspace(0.0, uav.max_speed, 1000)).min())
 
 
 def check_bits(scenario: Scenario, bits: float) -> None:
@@ -173,7 +182,7 @@ class _Search:
         """
         longest = find_longest_duration(self._scenario)
         low, delivered, growth = 0.0, None, _GROWTH
-        duration, is_upward = self._scenario.duration, False
+        duration, is_upward = min(self._scenario.duration, longest), False
         while True:
             plan = self._plan_flight(duration)
             if self.best is not None:
@@ -207,7 +216,8 @@ class _Search:
         uav = self._scenario.uavs[int(place[1])]
         speed, faster = (math.dist(uav.start, uav.goal) / duration * factor
                          for factor in (1.0, _LEAST_GROWTH))
-        power = uav.propulsion.power if uav.propulsion else Propulsion().power
+        assert uav.propulsion is not None
+        power = uav.propulsion.power
         return float(power(faster)) / _LEAST_GROWTH < float(power(speed))
 
     def _plan_flight(self, duration: float) -> Plan | None:

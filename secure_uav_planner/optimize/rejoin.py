@@ -140,8 +140,9 @@ def _build_rejoin(plan: Plan, last_kept: int, point: int, paths: dict[int, Array
     late = [uav.name for uav, utilisation in zip(uavs, utilisations, strict=True)
             if not utilisation <= 1 + UTILISATION_TOLERANCE]
     if late:
-        raise InfeasibleMissionError(f'{" and ".join(late)} cannot reach the goal in the '
-                                     f'{scenario.duration:g} s that are left')
+        raise InfeasibleMissionError(
+            f'{" and ".join(late)}, at {point * step:g} s back on the plan, cannot reach the goal '
+            f'in the {scenario.duration:g} s that are left then')
     powers = plan.powers[:, :point].copy()
     if point > last_kept:
         # On the new paths, slots whose rates are all negative are silent.

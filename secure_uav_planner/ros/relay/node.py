@@ -16,7 +16,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits, Stream
 from ..messages import (
-    check_versions, diagnostic_status, fill_message, import_messages, read_setpoint)
+    check_versions, diagnostic_status, fill_message, import_messages, nanoseconds, read_setpoint)
 from ..parameters import RELAY, RELAY_MEMBERS
 from ..process import run_node, WorkingNode
 from ..references import LocalFrames
@@ -173,7 +173,9 @@ class Relay(WorkingNode):
             self._guard_by_uav[name].take(setpoint, now, self._limits(name))
             self._frames.moves.pop(name, None)
         except PlanningError as error:
-            if isinstance(error, PoseError):  # The guard has not seen the setpoint.
+            age = now - nanoseconds(message.header.stamp)
+            if abs(age) <= self._settings.setpoint_timeout * 1e9:
+                # The guard may not have seen the setpoint, because the error came before.
                 self._guard_by_uav[name].note_arrival(now)
             self._guard_by_uav[name].note_refusal(brief(error), now)
             self._loggers[name].warning(
@@ -188,7 +190,7 @@ class Relay(WorkingNode):
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
                 self._loggers[name].warning(
-                    f'no setpoint of {name} has come for {self._settings.setpoint_timeout:g} '
+                    f'no fresh setpoint of {name} has come for {self._settings.setpoint_timeout:g} '
                     's; nothing more is sent, so that its autopilot notices')
             elif (held := guard.hold(now)) is not None:
                 self._loggers[name].warning(
