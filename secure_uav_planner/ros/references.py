@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from .messages import check_versions, import_messages
 from .settings import FrameSettings
-from .topics import LATCHED, OVERRIDABLE, SENSOR
+from .topics import LATCHED, overridable, SENSOR
 from ..errors import brief, PlanningError, PoseError
 from ..mission.geography import Origin
 from ..output.autopilots import Reference, REFERENCES, Vector
@@ -54,8 +54,7 @@ class LocalFrames:
         check_versions(node, [source.kind])
         callback = partial(self._on_message, name, source.read)
         for topic in topics:
-            node.create_subscription(
-                kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
+            node.create_subscription(kind, topic, callback, **overridable(SENSOR))
             # The latched subscription gets a message from before this node's start.
             node.create_subscription(kind, topic, callback, LATCHED)
 
