@@ -60,9 +60,10 @@ def set_field(field, value):
 
 @pytest.mark.parametrize('change, other', [
     (lambda text: text.replace('"uav2"', '"other"'), None),
+    (lambda text: text.replace('"eavesdropper"', '"other"'), None),
     (set_field('start_ns', 10**30), None), (set_field('start_ns', None), None),
     (set_field('positions', 'x' * 10**5), None), (str, '/dev/zero'), (str, 'x' * 5000)],
-    ids=['foreign', 'too late', 'none', 'text', 'device', 'long name'])
+    ids=['foreign', 'other eavesdropper', 'too late', 'none', 'text', 'device', 'long name'])
 def test_a_plan_that_cannot_be_restored_is_one_short_warning_and_is_replaced(
         client, file, change, other):
     """A file that is no regular file stays as it is."""

@@ -343,8 +343,7 @@ class Planner(WorkingNode):
         """Publish the plan in the plan file, if there is one, or warn why it cannot be used."""
         file = self._plan_file
         try:
-            if not file or (
-                    plan := load_plan(file, self._uavs, [*self._settings.ground_nodes])) is None:
+            if not file or (plan := load_plan(file, self._settings)) is None:
                 return
             outgoing = messages.serialize_plan(plan, self._settings.frame_id)
             self._state.keep_restored(plan)

@@ -1,12 +1,12 @@
 """The file that keeps the last plan of a planner over a restart."""
 
-from collections.abc import Sequence
 import hashlib
 from pathlib import Path
 import socket
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
+from .settings import PlannerSettings
 from ...errors import brief, ParameterError, PlanFileError
 from ...plan.plan import Plan
 
@@ -36,19 +36,22 @@ def reserve_plan_file(file: str) -> socket.socket | None:
     return reservation
 
 
-def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
+def load_plan(file: str, settings: PlannerSettings) -> Plan | None:
     """
     Return the plan in a file, or None if the file does not exist.
 
-    :raises PlanFileError: if the plan has no start time, or if its UAVs and ground nodes are not
-        `uavs` and `nodes` in this order; also as Plan.load does.
+    :raises PlanFileError: if the plan has no start time, or if its UAVs, ground nodes and
+        eavesdroppers are not those of the settings in this order; also as Plan.load does.
     """
     if not Path(file).exists():
         return None
     plan = Plan.load(file)
-    names = [uav.name for uav in plan.scenario.uavs], [*plan.scenario.ground_node_names]
-    if names != ([*uavs], [*nodes]) or plan.start_ns is None:
-        raise PlanFileError(f'{file} is not a plan for {", ".join([*uavs, *nodes])}')
+    scenario, names = plan.scenario, [
+        [*settings.uavs], [*settings.ground_nodes], [*settings.eavesdroppers]]
+    if plan.start_ns is None or names != [
+            [uav.name for uav in scenario.uavs], [*scenario.ground_node_names],
+            [*scenario.eavesdropper_names]]:
+        raise PlanFileError(f'{file} is not a plan for {", ".join(sum(names, []))}')
     return plan
 
 
