@@ -34,6 +34,19 @@ def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, c
             len(client.statuses[-1].text) < 1000)
 
 
+def test_a_plan_is_restored_in_its_own_frame_only(client, file):
+    with node_here('planner', plan_file=file, frame_id='odom', duration=120.0, slots=20):
+        client.send_paper(frame_id='odom')
+        assert client.call('planner/plan').success
+        assert not client.set_parameters('planner', frame_id='map')[0].successful
+        wait_for(file.exists)
+    assert Plan.load(file).scenario.slots == 20
+    for frame_id, line in (('odom', 'restored: '), (
+            'map', "is in frame 'odom' and the parameter frame_id is 'map'; it is not published")):
+        with node_here('planner', plan_file=file, frame_id=frame_id) as process:
+            wait_for_line(process, line)
+
+
 def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):
     scenario = Scenario.paper(400.0, slots=40)
     plan = replace(fly_hover_fly(scenario), start_ns=time.time_ns() - 60 * 10**9)

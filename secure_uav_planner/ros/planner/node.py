@@ -402,7 +402,8 @@ class Planner(WorkingNode):
     def _save(self, plan: Plan) -> None:
         """Save a plan in the solver's thread, since writing to a disk takes time."""
         if file := self._plan_file:
-            self._solver.run(partial(save_plan, plan, file, self.get_logger()))
+            self._solver.run(partial(
+                save_plan, plan, file, self._settings.frame_id, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
         """Return the message of the status: plan, solver, flight, poses and problems."""

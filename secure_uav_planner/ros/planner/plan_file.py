@@ -7,7 +7,8 @@ import socket
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from .settings import PlannerSettings
-from ...errors import brief, ParameterError, PlanFileError
+from ...errors import brief, ParameterError, PlanFileError, quote
+from ...plan.file import read_plan, write_plan
 from ...plan.plan import Plan
 
 
@@ -41,23 +42,27 @@ def load_plan(file: str, settings: PlannerSettings) -> Plan | None:
     Return the plan in a file, or None if the file does not exist.
 
     :raises PlanFileError: if the plan has no start time, or if its UAVs, ground nodes and
-        eavesdroppers are not those of the settings in this order; also as Plan.load does.
+        eavesdroppers, in this order, or its frame are not those of the settings; also as Plan.load
+        does. A plan that Plan.save wrote has no frame.
     """
     if not Path(file).exists():
         return None
-    plan = Plan.load(file)
+    plan, frame_id = read_plan(file, Plan)
     scenario, names = plan.scenario, [
         [*settings.uavs], [*settings.ground_nodes], [*settings.eavesdroppers]]
     if plan.start_ns is None or names != [
             [uav.name for uav in scenario.uavs], [*scenario.ground_node_names],
             [*scenario.eavesdropper_names]]:
         raise PlanFileError(f'{file} is not a plan for {", ".join(sum(names, []))}')
+    if frame_id not in (None, settings.frame_id):
+        raise PlanFileError(f'{file} is in frame {quote(frame_id)} and the parameter frame_id is '
+                            f'{quote(settings.frame_id)}')
     return plan
 
 
-def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
-    """Save a plan, or log why that fails."""
+def save_plan(plan: Plan, file: str, frame_id: str, log: RcutilsLogger) -> None:
+    """Save a plan and the name of its frame, or log why that fails."""
     try:
-        plan.save(file)
+        write_plan(plan, file, frame_id=frame_id)
     except (OSError, ValueError) as error:
         log.error(f'plan_file: {brief(error)}; the plan is published all the same')

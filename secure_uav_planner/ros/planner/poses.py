@@ -12,8 +12,7 @@ import numpy as np
 from .frames import Message, refuse_frame, turn_covariance
 from .settings import PlannerSettings
 from ..topics import member_topics
-from ...errors import (
-    PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
+from ...errors import PoseError, PoseMissingError, PoseStaleError, quote
 from ...mission.fields import COORDINATE, find_range, Number, Point, RADIUS
 from ...mission.participants import Uav
 from ...mission.tracks import MAX_SPEED
@@ -45,7 +44,6 @@ _LEAST_COMPARED = 0.1  # Least time [s] between two poses that are compared with
 class KnownPose:
     """The last valid pose of a topic."""
 
-    frame_id: str
     position: Point  # (x, y) in m
     height: float  # z in m
     covariance: Array | None  # Covariance of x and y, (2, 2) in m^2.
@@ -167,10 +165,7 @@ class PoseBook:
         A pose without velocity and covariance gets a velocity by _estimate_velocity.
         """
         last = self._poses.get(topic)
-        if last is not None and last.frame_id != pose.frame_id:
-            self._recent.pop(topic, None)  # Positions in another frame are of no use.
-            self._discs.pop(topic, None)
-        elif last is not None and pose.time < last.time and (
+        if last is not None and pose.time < last.time and (
                 pose.received - last.received < _KEPT_BEFORE_OLDER):
             return
         if pose.velocity is None and pose.covariance is None:
@@ -284,20 +279,17 @@ class PoseBook:
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
         A receiver must have a pose, with |z| at most height_tolerance. A topic of a UAV on which
-        no pose has come has no problem. A refused pose is a problem only if no valid one in the
-        frame frame_id came before it.
+        no pose has come has no problem. A refused pose is a problem only if no valid one came
+        before it.
         """
         is_receiver = topic.partition('/')[0] not in settings.uavs
-        frame_id, timeout = settings.frame_id, settings.pose_timeout
+        timeout = settings.pose_timeout
         pose, refusal = self._poses.get(topic), self._refusals.get(topic)
-        if refusal is not None and (pose is None or pose.frame_id != frame_id):
+        if refusal is not None and pose is None:
             return type(refusal)(f'the last pose on {topic} was refused: {refusal}')
         if pose is None:
             since = ' since the clock was set back' if self._was_set_back else ''
             return PoseMissingError(f'no pose has come on {topic}{since}') if is_receiver else None
-        if pose.frame_id != frame_id:
-            return WrongFrameError(f'{topic} is in frame {quote(pose.frame_id)} and the parameter '
-                                   f'frame_id is {quote(frame_id)}')
         if pose.time < self._valid_from:
             return PoseStaleError(f'the pose on {topic} is from before the clock jumped ahead')
         if timeout and pose.age(now) > timeout:
@@ -343,8 +335,8 @@ def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiv
     # rclpy's Time is not used, because it raises an error for times before 1970.
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
     place = pose.position
-    read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,
-                     velocity, velocity_covariance)
+    read = KnownPose((place.x, place.y), place.z, covariance, stamp, now, velocity,
+                     velocity_covariance)
     _check_sizes(read, settings)
     return read
 
