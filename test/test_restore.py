@@ -47,6 +47,13 @@ def test_a_plan_is_restored_in_its_own_frame_only(client, file):
             wait_for_line(process, line)
 
 
+def test_an_eavesdropper_that_moved_meanwhile_has_left_the_disc_of_the_restored_plan(client, file):
+    PLAN.save(file)
+    with node_here('planner', plan_file=file):
+        wait_for(lambda: client.send_estimate('eavesdropper/pose', 20, 0, until_known=False)
+                 or 'eavesdropper has left its disc: it is 180 m from' in client.status.text)
+
+
 def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):
     scenario = Scenario.paper(400.0, slots=40)
     plan = replace(fly_hover_fly(scenario), start_ns=time.time_ns() - 60 * 10**9)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
 from .plan_file import check_plan_file, load_plan, reserve_plan_file, save_plan
-from .plan_tracking import PlanTracking
+from .plan_tracking import PlanTracking, start_of
 from .poses import PoseBook
 from .replan import Remainder, Replanning
 from .request import Call, explain_infeasible, make_request, Request, StartTime
@@ -141,7 +141,7 @@ class Planner(WorkingNode):
         self._pose_warnings.clear(topic)
         if remark:
             self.get_logger().warning(remark)
-        if is_first:
+        if is_first or remark:
             self._publish_status()
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
@@ -366,6 +366,7 @@ class Planner(WorkingNode):
             self._outputs[topic].publish(message)
         now = self._now()
         self._tracking.add_plan(plan, now)
+        self._poses.expect(plan.scenario, max(begin, now - start_of(plan) * 1e-9))
         self._replanning.note_plan(now, begin)
         self._publish_status()
 

@@ -15,6 +15,7 @@ from ..topics import member_topics
 from ...errors import PoseError, PoseMissingError, PoseStaleError, quote
 from ...mission.fields import COORDINATE, find_range, Number, Point, RADIUS
 from ...mission.participants import Uav
+from ...mission.scenario import Scenario
 from ...mission.tracks import MAX_SPEED
 from ...mission.validation import Array
 from ...output.autopilots import rotation, Vector
@@ -38,6 +39,7 @@ _LEAST_JUMP = 0.1  # Least time [s] by which a clock goes back when it has been 
 # times in a row.
 _OUTSIDE = 3
 _LEAST_COMPARED = 0.1  # Least time [s] between two poses that are compared with a disc.
+_STANDS = 1e-6  # Largest change [m] of the disc of an eavesdropper that stands.
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,13 @@ class KnownPose:
 
 @dataclass
 class _Disc:
-    """The disc of the first pose of an eavesdropper without a velocity and a max_speed."""
+    """The disc in which the last plan expects an eavesdropper that stands."""
 
     position: Point
     radius: float  # m
     outside: int = 0  # Number of successive poses whose discs do not meet this disc.
     compared: float = -math.inf  # Time [s] at which the last pose was compared with this disc.
-    is_left: bool = False  # Whether a warning has said that the eavesdropper left this disc.
+    warning: str = ''  # That the eavesdropper has left this disc, once it has.
 
 
 class PoseBook:
@@ -100,7 +102,7 @@ class PoseBook:
         self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
         # Times [s] and positions [m] of the last second by topic, which give a velocity.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
-        self._discs: dict[str, _Disc] = {}
+        self._discs: dict[str, _Disc] = {}  # By the name of the eavesdropper.
         self._latest = -math.inf  # Latest time of the clock [s].
         self._was_set_back = False  # Whether the clock has ever jumped back.
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
@@ -114,7 +116,8 @@ class PoseBook:
 
         :param most_lag: largest lag [s] of the node's clock. A stamp that is less than most_lag
             ahead of `now` also becomes the time of the reception.
-        :return: a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
+        :return: a warning, once, that an eavesdropper has left the disc that the last plan expects
+            it in; otherwise ''.
         :raises PoseError: if the pose cannot be used. The last valid pose is then kept, and the
             error is noted as the topic's refusal.
         """
@@ -148,7 +151,7 @@ class PoseBook:
         """
         before, self._latest = self._latest, max(now, self._latest)
         if now < before - _LEAST_JUMP:
-            for content in (self._poses, self._refusals, self._recent, self._discs):
+            for content in (self._poses, self._refusals, self._recent):
                 content.clear()
             self._latest, self._was_set_back, self._valid_from = now, True, -math.inf
         elif before > 0.0 and now > before + longest:  # Simulated time is 0 until it is known.
@@ -189,32 +192,47 @@ class PoseBook:
         before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
+    def expect(self, scenario: Scenario, time: float) -> None:
+        """
+        Compare poses from now on with the discs in which a plan has standing eavesdroppers.
+
+        :param scenario: the scenario of the plan.
+        :param time: time of the plan [s]; an eavesdropper stands if its disc stays from then on.
+        """
+        times = scenario.times
+        _, centres, radii = scenario.receivers_at([min(max(time, 0.0), times[-2]), times[-1]])
+        self._discs = {
+            name: _Disc((float(x), float(y)), float(radius))
+            for name, ((x, y), last), (radius, last_radius) in zip(
+                scenario.eavesdropper_names, centres, radii, strict=True)
+            if math.dist((x, y), last) + abs(radius - last_radius) < _STANDS}
+
+    @property
+    def left_discs(self) -> list[str]:
+        """Warnings of the eavesdroppers that have left the disc that the last plan has of them."""
+        return [disc.warning for disc in self._discs.values() if disc.warning]
+
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """
-        Return a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
+        Return a warning, once, that an eavesdropper has left its disc in `_discs`; otherwise ''.
 
-        It has moved if the error discs of _OUTSIDE poses in a row on its pose topic do not meet
-        the disc of the first pose. Poses that came less than _LEAST_COMPARED [s] after a compared
-        one, or that are not used because odometry is, are not compared.
+        It has left if the error discs of _OUTSIDE usable poses in a row do not meet its disc. A
+        pose that comes less than _LEAST_COMPARED [s] after a compared one is not compared.
         """
-        odometry, pose_topic = member_topics(name)
-        pose = self._poses[topic]
-        is_stationary = (name in settings.eavesdroppers and topic == pose_topic
-                         and not settings.eavesdroppers[name].max_speed)
-        if not is_stationary or self.usable_pose(name, settings, now) is not pose:
+        disc, pose = self._discs.get(name), self._poses[topic]
+        if disc is None or disc.warning or abs(now - disc.compared) < _LEAST_COMPARED or (
+                self.usable_pose(name, settings, now) is not pose):
             return ''
         radius = pose.radius(name, settings)
-        disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
-        if disc.is_left or now - disc.compared < _LEAST_COMPARED:
-            return ''
         distance, disc.compared = math.dist(pose.position, disc.position), now
         disc.outside = disc.outside + 1 if distance > disc.radius + radius else 0
-        disc.is_left = disc.outside >= _OUTSIDE
-        if not disc.is_left:
-            return ''
-        return (f'{name} has left its disc: it moved {distance:.0f} m but is modelled as '
-                'stationary, and rates are promised for a receiver that stays; publish its '
-                f'odometry on {odometry} or set {name}.max_speed')
+        if disc.outside >= _OUTSIDE:
+            disc.warning = (
+                f'{name} has left its disc: it is {distance:.0f} m from its place in the plan, in '
+                'which it is modelled as stationary, and rates are promised for a receiver that '
+                f'stays; plan again, with its odometry on {member_topics(name)[0]} or with '
+                f'{name}.max_speed if it moves on')
+        return disc.warning
 
     def get(self, topic: str) -> KnownPose | None:
         """Return the last valid pose of the topic, or None."""
