@@ -4,10 +4,11 @@ from dataclasses import replace
 import json
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 import pytest
 from ros_nodes import has_said, node_here, node_process, wait_for, wait_for_line
-from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
 
@@ -45,6 +46,20 @@ def test_a_plan_is_restored_in_its_own_frame_only(client, file):
             'map', "is in frame 'odom' and the parameter frame_id is 'map'; it is not published")):
         with node_here('planner', plan_file=file, frame_id=frame_id) as process:
             wait_for_line(process, line)
+
+
+@pytest.mark.parametrize('delay, slots', [(0.0, 0), (1000.0, 8)])
+def test_a_restored_plan_that_begins_too_late_to_be_of_this_clock_promises_nothing(
+        client, file, delay, slots):
+    """The clock was set back meanwhile, and its moving receivers were predicted before."""
+    eavesdropper = Eavesdropper(track=((0.0, 200.0, 0.0, 10.0), (200.0, 250.0, 0.0, 10.0)))
+    scenario = replace(PLAN.scenario, eavesdroppers=(eavesdropper,))
+    replace(PLAN, scenario=scenario, promised_until=200.0,
+            start_ns=time.time_ns() + 900 * 10**9).save(file)
+    checks = client.listen(DiagnosticArray, '/diagnostics', 10)  # There are ten checks a second.
+    with node_here('planner', plan_file=file, start_delay=delay):
+        wait_for(lambda: checks and client.status.plan.identity
+                 and client.status.plan.promised_slots == slots)
 
 
 def test_an_eavesdropper_that_moved_meanwhile_has_left_the_disc_of_the_restored_plan(client, file):
