@@ -236,11 +236,13 @@ def test_what_is_odd_at_the_start_is_a_warning(tmp_path):
     expected = {
         'planner': ['durration, it is ignored; did you mean duration?',
                     'uav1.max_sped, it is ignored; did you mean uav1.max_speed?',
-                    'cannot be flown as it is set: duration is 20 s; uav1 needs at least'],
+                    'cannot be flown as it is set: duration is 20 s; uav1 needs at least',
+                    'depth, it is ignored; did you mean qos_overrides./plan.publisher.depth?'],
         'replay': ['no parameter durration, ', 'no parameter uav1.max_sped, ',
                    'loup, it is ignored; did you mean loop?']}
     for node, texts in expected.items():
-        own = {'duration': 20.0} if node == 'planner' else {}
+        own = {'duration': 20.0, 'qos_overrides.plan.publisher.depth': 5} if (
+            node == 'planner') else {}
         with node_here(node, '--params-file', str(file), **own) as process:
             warnings = [line for line in process.lines if '[WARN]' in line]
         assert len(warnings) == len(texts), warnings
