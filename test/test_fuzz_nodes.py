@@ -30,13 +30,13 @@ UAVS = ('uav1', 'uav2')
 # rclpy knows no value of the type 200, so its own service raises.
 UNKNOWN_TYPE = SetParameters.Request(parameters=[
     Parameter(name='use_sim_time', value=ParameterValue(type=200))])
-RESTORED = {'duration': 120.0, 'slots': 30, 'frame_id': 'map', 'reference_snr_db': 80.0,
-            'pose_timeout': 10.0, 'time_limit': 2.0, 'method': 'joint', 'replan_lead': 2.0}
+RESTORED = {'duration': 120.0, 'slots': 30, 'reference_snr_db': 80.0, 'pose_timeout': 10.0,
+            'time_limit': 2.0, 'method': 'joint', 'replan_lead': 2.0}
 NEAR_PLANNER = {
     'duration': st.floats(50, 400), 'slots': st.integers(1, 60), 'time_limit': st.floats(0.01, 2),
     'reference_snr_db': st.floats(20, 120), 'method': st.sampled_from(['joint', 'alternating']),
     'confidence': st.floats(0.01, 0.99), 'pose_timeout': st.floats(0, 20),
-    'eavesdropper.error_radius': st.floats(0, 500), 'frame_id': st.sampled_from(['map', 'odom']),
+    'eavesdropper.error_radius': st.floats(0, 500),
     'replan_period': st.sampled_from([0.0, 0.3]), 'replan_distance': st.sampled_from([0.0, 5.0]),
     'replan_deviation': st.sampled_from([0.0, 2.0]), 'track_tolerance': st.floats(0.01, 20)}
 for name in UAVS:
@@ -76,11 +76,10 @@ class Planner(Target):
     def good(self):
         """Send what a plan needs, so that there is something to break, and ask for it."""
         self._sent += 1
-        frame, = self.client.get_parameters('planner', 'frame_id')
-        self.client.send_pose('ground_node/pose', self._sent % 7, 0, frame)
-        self.client.send_estimate('eavesdropper/pose', 200, self._sent % 5, frame, variance=9)
+        self.client.send_pose('ground_node/pose', self._sent % 7, 0)
+        self.client.send_estimate('eavesdropper/pose', 200, self._sent % 5, variance=9)
         for name in UAVS:
-            self.send(f'{name}/pose', pose_message(PoseStamped, 100, 500, 0, frame), 0.0)
+            self.send(f'{name}/pose', pose_message(PoseStamped, 100, 500, 0), 0.0)
         self.plan()
 
     def restore(self):

@@ -151,7 +151,6 @@ def test_teams_in_two_namespaces_plan_at_once_each_its_own_mission_with_its_own_
 @pytest.mark.parametrize('change, code, text', [
     ({'duration': 20.0}, 'infeasible', 'uav1 needs at least'),
     ({'pose_timeout': 1e-3}, 'pose_stale', 'pose_timeout is 0.001 s'),
-    ({'frame_id': 'odom'}, 'wrong_frame', "the parameter frame_id is 'odom'"),
     ({'start_delay': 1e-3}, 'late', 'a longer start_delay gives it more time'),
     ({'height_tolerance': 0.0}, 'ok', 'joint plan of 20 slots')])
 def test_the_code_of_an_outcome_is_that_of_its_error(shared, change, code, text):

@@ -1,5 +1,6 @@
 """Poses: stale, off the ground, extreme, late, or with a covariance that is none."""
 
+from dataclasses import replace
 from itertools import count
 import math
 import time
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
 from ros_nodes import wait_for
+from secure_uav_planner import Eavesdropper, Scenario
 from secure_uav_planner.errors import PoseError
 from secure_uav_planner.mission.fields import RADIUS
 from secure_uav_planner.ros.planner.poses import PoseBook
@@ -178,6 +180,7 @@ def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate
 
 
 def test_why_poses_are_refused_and_that_an_eavesdropper_moves_is_logged_once(client, planner):
+    client.plan_paper()
     publisher, places = client.publisher(PoseWithCovarianceStamped, 'eavesdropper/pose'), count()
 
     def lines_after(reason, covariance):
@@ -192,6 +195,9 @@ def test_why_poses_are_refused_and_that_an_eavesdropper_moves_is_logged_once(cli
                  ('eavesdropper has left its disc', None)):
         wait_for(lambda: lines_after(*case), what=case[0])
         assert len([lines_after(*case) for _ in range(10)][-1]) == 1
+    wait_for(lambda: 'eavesdropper has left its disc' in client.status.text)
+    assert client.call('planner/plan').success
+    wait_for(lambda: 'eavesdropper has left its disc' not in client.status.text)
 
 
 @pytest.mark.filterwarnings('error::RuntimeWarning')
@@ -225,25 +231,51 @@ def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_wit
         book, confidence=0.9999)
 
 
-def remarks(*xs, covariance=None, **settings):
+STANDING = Eavesdropper((0.0, 0.0), 10.0)
+
+
+def expecting(eavesdropper, time=0.0):
+    """Return a book that expects an eavesdropper as a plan has it."""
+    book = PoseBook()
+    book.expect(replace(Scenario.paper(), eavesdroppers=(eavesdropper,)), time)
+    return book
+
+
+def remarks(*xs, covariance=None, expected=STANDING, time=0.0):
     """Return what is said about an eavesdropper that was at x, in m, second after second."""
-    book, settings = PoseBook(), settings_with(**settings)
+    book = expecting(expected, time)
     return [remark for second, x in enumerate(xs) if (remark := take(
-        book, 'eavesdropper/pose', estimate(x, second, covariance), float(second), settings))]
+        book, 'eavesdropper/pose', estimate(x, second, covariance), float(second)))]
 
 
 def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once_what_to_do():
     remark, = remarks(*range(0, 200, 5))
     assert 'eavesdropper has left its disc' in remark and 'modelled as stationary' in remark
-    assert 'publish its odometry on eavesdropper/odom or set eavesdropper.max_speed' in remark
-    assert not remarks(*range(0, 200, 5), **{'eavesdropper.max_speed': 5.0})
+    assert 'its odometry on eavesdropper/odom or with eavesdropper.max_speed' in remark
+    moving = Eavesdropper(track=((0.0, 0.0, 0.0, 10.0), (50.0, 250.0, 0.0, 10.0)))
+    assert not remarks(*range(0, 200, 5), expected=moving)
     assert not remarks(0, 50, 0, 50, 50, 0)  # Single errors, and no motion.
     # Its estimate wanders in a disc of 24 m, which the covariance gives.
-    assert not remarks(*range(0, 45, 3), covariance=block(100.0, 100.0))
-    book = PoseBook()
-    for second in range(40):
-        take(book, 'eavesdropper/odom', odometry(5.0 * second, second), second)
-        assert not take(book, 'eavesdropper/pose', estimate(5.0 * second, second), second)
+    assert not remarks(*range(0, 45, 3), expected=Eavesdropper((0.0, 0.0), 24.0),
+                       covariance=block(100.0, 100.0))
+
+
+def test_an_eavesdropper_is_expected_where_the_last_plan_has_it_from_its_last_change_on():
+    assert len(remarks(200, 200, 200)) == 1  # It is elsewhere from its first pose on.
+    changed = Eavesdropper(track=((0.0, 0.0, 0.0, 10.0), (1.0, 200.0, 0.0, 10.0)))
+    assert not remarks(200, 200, 200, expected=changed, time=1.0)
+    assert len(remarks(0, 0, 0, expected=changed, time=1.0)) == 1
+    book = expecting(STANDING)
+    for second in range(3):
+        take(book, 'eavesdropper/pose', estimate(200, second), second)
+    warning, = book.left_discs
+    assert 'it is 200 m from its place in the plan' in warning
+    book.expect(replace(Scenario.paper(), eavesdroppers=(STANDING,)), 0.0)  # A second plan.
+    assert not book.left_discs
+    take(book, 'eavesdropper/pose', estimate(0, 500), 500)
+    for second in range(100, 103):  # It leaves again, by odometry and with the clock set back.
+        take(book, 'eavesdropper/odom', odometry(200, second), second)
+    assert len(book.left_discs) == 1
 
 
 def velocity_of(*poses):
@@ -254,19 +286,13 @@ def velocity_of(*poses):
     return book.get('uav1/pose').velocity
 
 
-def test_the_velocity_of_poses_is_that_of_the_last_second_in_a_frame():
+def test_the_velocity_of_poses_is_that_of_the_last_second():
     assert velocity_of(pose(0.0, 40.0)) is None
     assert velocity_of(pose(0.0, 40.0), pose(0.5, 40.1)) is None  # too short to tell
     steady = [pose(0.4 * step, 40 + 0.1 * step) for step in range(30)]
     assert velocity_of(*steady) == pytest.approx((4.0, 0.0))
     assert velocity_of(pose(0.0, 10.0), pose(9.0, 40.0)) is None
     assert velocity_of(*steady, pose(0.0, 20.0)) is None  # The clock has jumped back.
-    book = PoseBook()
-    for stamp, frame_id, velocity in (
-            (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
-        take(book, 'uav1/pose', pose(4.0 * stamp, stamp, frame_id=frame_id), stamp,
-             settings_with(frame_id=frame_id))
-        assert book.get('uav1/pose').velocity == velocity
 
 
 @pytest.mark.parametrize('topic, change, text', [

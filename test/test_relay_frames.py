@@ -120,7 +120,8 @@ def test_a_frame_that_moves_in_flight_is_held_until_the_vehicle_is_where_it_is_t
 
 def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(packages, client):
     kind = packages('geographic_msgs', 'GeoPointStamped')
-    with node_here('planner', duration=150.0, slots=30, uav1__reference='mavros', **MISSION):
+    with node_here('planner', duration=150.0, slots=30, uav1__reference='mavros', **MISSION
+                   ) as planner:
         origin, paths = kind(), client.listen(Path, 'uav1/path')
         publisher = client.publisher(kind, 'uav1/mavros/global_position/gp_origin')
 
@@ -151,5 +152,8 @@ def test_the_planner_takes_a_place_from_degrees_and_says_what_a_frame_lacks(pack
         wait_for(lambda: paths)
         assert numbers(paths[-1].poses[0].pose.position, 'xy') == pytest.approx(
             [90.0, 490.0], abs=0.1)
+        wait_for(lambda: client.send_pose('uav1/pose', 150e3, 490.0, until_known=False)
+                 or has_said(planner, 'uav1/pose: a place is 150 km from the origin, east and '
+                             'north; it must be at most 100 km; it is not used'))
         until_said('the local frame of uav1 has moved by 5.00 m',
                    latitude, float(ZURICH.to_geographic(-5.0, 0.0)[1]), 400.0)

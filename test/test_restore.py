@@ -4,10 +4,11 @@ from dataclasses import replace
 import json
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 import pytest
 from ros_nodes import has_said, node_here, node_process, wait_for, wait_for_line
-from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
 
@@ -32,6 +33,40 @@ def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, c
         assert not has_said(process, 'plan_file')
         assert max(map(len, process.lines)) < 1000 and (
             len(client.statuses[-1].text) < 1000)
+
+
+def test_a_plan_is_restored_in_its_own_frame_only(client, file):
+    with node_here('planner', plan_file=file, frame_id='odom', duration=120.0, slots=20):
+        client.send_paper(frame_id='odom')
+        assert client.call('planner/plan').success
+        assert not client.set_parameters('planner', frame_id='map')[0].successful
+        wait_for(file.exists)
+    assert Plan.load(file).scenario.slots == 20
+    for frame_id, line in (('odom', 'restored: '), (
+            'map', "is in frame 'odom' and the parameter frame_id is 'map'; it is not published")):
+        with node_here('planner', plan_file=file, frame_id=frame_id) as process:
+            wait_for_line(process, line)
+
+
+@pytest.mark.parametrize('delay, slots', [(0.0, 0), (1000.0, 8)])
+def test_a_restored_plan_that_begins_too_late_to_be_of_this_clock_promises_nothing(
+        client, file, delay, slots):
+    """The clock was set back meanwhile, and its moving receivers were predicted before."""
+    eavesdropper = Eavesdropper(track=((0.0, 200.0, 0.0, 10.0), (200.0, 250.0, 0.0, 10.0)))
+    scenario = replace(PLAN.scenario, eavesdroppers=(eavesdropper,))
+    replace(PLAN, scenario=scenario, promised_until=200.0,
+            start_ns=time.time_ns() + 900 * 10**9).save(file)
+    checks = client.listen(DiagnosticArray, '/diagnostics', 10)  # There are ten checks a second.
+    with node_here('planner', plan_file=file, start_delay=delay):
+        wait_for(lambda: checks and client.status.plan.identity
+                 and client.status.plan.promised_slots == slots)
+
+
+def test_an_eavesdropper_that_moved_meanwhile_has_left_the_disc_of_the_restored_plan(client, file):
+    PLAN.save(file)
+    with node_here('planner', plan_file=file):
+        wait_for(lambda: client.send_estimate('eavesdropper/pose', 20, 0, until_known=False)
+                 or 'eavesdropper has left its disc: it is 180 m from' in client.status.text)
 
 
 def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):
@@ -60,9 +95,10 @@ def set_field(field, value):
 
 @pytest.mark.parametrize('change, other', [
     (lambda text: text.replace('"uav2"', '"other"'), None),
+    (lambda text: text.replace('"eavesdropper"', '"other"'), None),
     (set_field('start_ns', 10**30), None), (set_field('start_ns', None), None),
     (set_field('positions', 'x' * 10**5), None), (str, '/dev/zero'), (str, 'x' * 5000)],
-    ids=['foreign', 'too late', 'none', 'text', 'device', 'long name'])
+    ids=['foreign', 'other eavesdropper', 'too late', 'none', 'text', 'device', 'long name'])
 def test_a_plan_that_cannot_be_restored_is_one_short_warning_and_is_replaced(
         client, file, change, other):
     """A file that is no regular file stays as it is."""

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import DEFAULTS, flat
-from ros_nodes import has_said, node_here, refusal
+from ros_nodes import has_said, node_here, refusal, wait_for
 from secure_uav_planner import GroundNode, NoFlyZone, Scenario
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.mission import METHODS, OBJECTIVES
@@ -28,7 +28,7 @@ from secure_uav_planner.ros.planner.settings import PlannerSettings
 from secure_uav_planner.ros.relay.node import RelaySettings
 from secure_uav_planner.ros.replay.node import ReplaySettings
 from secure_uav_planner.ros.settings import airspace_from, mission_values, Settings
-from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
+from secure_uav_planner.ros.topics import LATCHED, overridable, TOPICS
 from std_msgs.msg import Float64
 import yaml
 
@@ -50,8 +50,7 @@ def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
     calls = count()
     settings = Settings(node, SPECS, lambda values: (next(calls), values)[1])
     for number in range(5):
-        node.create_publisher(Float64, f'topic{number}', LATCHED,
-                              qos_overriding_options=OVERRIDABLE)
+        node.create_publisher(Float64, f'topic{number}', **overridable(LATCHED))
     assert next(calls) == 1
     assert node.set_parameters([rclpy.Parameter('rate', value=2)])[0].successful
     assert next(calls) == 3 and settings.current['rate'] == 2.0
@@ -237,16 +236,42 @@ def test_what_is_odd_at_the_start_is_a_warning(tmp_path):
     expected = {
         'planner': ['durration, it is ignored; did you mean duration?',
                     'uav1.max_sped, it is ignored; did you mean uav1.max_speed?',
-                    'cannot be flown as it is set: duration is 20 s; uav1 needs at least'],
+                    'cannot be flown as it is set: duration is 20 s; uav1 needs at least',
+                    'depth, it is ignored; did you mean qos_overrides./plan.publisher.depth?'],
         'replay': ['no parameter durration, ', 'no parameter uav1.max_sped, ',
                    'loup, it is ignored; did you mean loop?']}
     for node, texts in expected.items():
-        own = {'duration': 20.0} if node == 'planner' else {}
+        own = {'duration': 20.0, 'qos_overrides.plan.publisher.depth': 5} if (
+            node == 'planner') else {}
         with node_here(node, '--params-file', str(file), **own) as process:
             warnings = [line for line in process.lines if '[WARN]' in line]
         assert len(warnings) == len(texts), warnings
         for text in texts:
             assert any(text in line for line in warnings), text
+
+
+@pytest.mark.parametrize('node, topic, kind, policy, value', [
+    ('planner', 'ground_node/pose', 'subscription', 'reliability', 'reliable'),
+    ('planner', 'plan', 'publisher', 'durability', 'volatile'),
+    ('replay', 'uav1/setpoint/pose', 'publisher', 'reliability', 'best_effort'),
+    ('relay', 'uav1/odom', 'publisher', 'reliability', 'best_effort')])
+def test_an_override_of_the_quality_of_service_of_a_topic_changes_no_other_topic(
+        client, packages, node, topic, kind, policy, value):
+    packages('mavros_msgs', 'PositionTarget')  # The relay needs it.
+    expected = {
+        name.replace('<uav>', 'uav1').replace('<', '').replace('>', ''):
+        getattr(entry.qos, policy).name.lower() for (owner, _), topics in TOPICS.items()
+        if owner == node for name, entry in topics.items() if '~' not in name}
+
+    def find_used(name):
+        ends = (client.node.get_publishers_info_by_topic(name)
+                + client.node.get_subscriptions_info_by_topic(name))
+        return [getattr(end.qos_profile, policy).name.lower()
+                for end in ends if end.node_name == node]
+    with node_here(node, **{f'qos_overrides./{topic}.{kind}.{policy}': value}):
+        for name in expected:
+            used = wait_for(lambda: find_used(name), what=name)
+            assert used == [value if name == topic else expected[name]], name
 
 
 def test_the_defaults_are_those_of_the_papers_mission():

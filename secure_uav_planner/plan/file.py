@@ -26,20 +26,22 @@ _PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_u
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # Written for other programs, never read.
 
 
-def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
-    """Write a Plan to a file; see Plan.save."""
+def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool = True,
+               frame_id: str | None = None) -> None:
+    """Write a Plan to a file, with the name of its frame if there is one; see Plan.save."""
     with atomic_file(path) as file:
-        json.dump(_make_document(plan, evaluate), file, allow_nan=False)
+        json.dump(_make_document(plan, evaluate, frame_id), file, allow_nan=False)
 
 
 def make_text(plan: Any, frame_id: str) -> str:
     """Return a Plan as JSON: the content of its file and its frame of coordinates."""
-    return json.dumps({'frame_id': frame_id, **_make_document(plan)}, allow_nan=False)
+    return json.dumps(_make_document(plan, False, frame_id), allow_nan=False)
 
 
-def _make_document(plan: Any, evaluate: bool = False) -> dict[str, Any]:
+def _make_document(plan: Any, evaluate: bool, frame_id: str | None) -> dict[str, Any]:
     """Return a Plan as plain values for JSON; `evaluate` adds worst_case_rate, slow to compute."""
     return {
+        **({} if frame_id is None else {'frame_id': frame_id}),
         'format': _FORMAT,
         'version': _VERSION,
         'scenario': plan.scenario.to_dict(),
@@ -59,8 +61,12 @@ def _number(rate: float) -> float | None:
     return None if math.isnan(rate) else rate
 
 
-def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:
-    """Read a plan of the class `kind`, which is Plan; see Plan.load."""
+def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> tuple[Any, Any]:
+    """
+    Return a plan, and the name of its frame of coordinates if the file has one, otherwise None.
+
+    :param kind: the class Plan; see Plan.load for the errors.
+    """
     checked_path(path)
     try:
         text = read_text(path, _MOST_BYTES)
@@ -69,7 +75,8 @@ def read_plan(path: str | os.PathLike[str], kind: type[RatedFlight]) -> Any:
     except UnicodeDecodeError:
         raise PlanFileError(f'{path} is not a plan: it is not text in UTF-8') from None
     with _name_source(f'{path}'):
-        return _read_document(json.loads(text), kind)
+        document = json.loads(text)
+        return _read_document(document, kind), document.get('frame_id')
 
 
 def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
@@ -80,8 +87,7 @@ def parse_text(text: str, kind: type[RatedFlight]) -> tuple[Any, str]:
     """
     with _name_source('the message'):
         document = json.loads(text)
-        frame_id = document.pop('frame_id', None) if isinstance(document, dict) else None
-        plan = _read_document(document, kind)
+        plan, frame_id = _read_document(document, kind), document.get('frame_id')
         if not isinstance(frame_id, str) or len(frame_id) > LONGEST_FRAME:
             raise PlanFileError(f'frame_id is {quote(frame_id)}; it must be a string of at most '
                                 f'{LONGEST_FRAME} characters')
@@ -115,7 +121,7 @@ def _read_document(document: object, kind: type[RatedFlight]) -> Any:
             f'it has format version {quote(version)}, which a newer secure_uav_planner wrote; '
             f'this one reads up to version {_VERSION}')
     values: dict[str, Any] = {name: value for name, value in document.items()
-                              if name not in ('format', 'version', *_COMPUTED)}
+                              if name not in ('format', 'version', 'frame_id', *_COMPUTED)}
     if isinstance(values.get('history'), list):
         values['history'] = [*map(_rename_rate, values['history'])]
     for field in ('positions', 'powers', 'shares'):

@@ -382,7 +382,8 @@ class Plan(RatedFlight):
         :raises PlanFileError: when the file cannot be read or is too large, or is damaged, of
             another kind or of a newer version, or breaks its own scenario; it names the path.
         """
-        return file.read_plan(path, cls)
+        plan, _ = file.read_plan(path, cls)
+        return plan
 
 
 def _values(plan: Plan) -> tuple[Any, ...]:

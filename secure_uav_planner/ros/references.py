@@ -9,8 +9,8 @@ from rclpy.node import Node
 
 from .messages import check_versions, import_messages
 from .settings import FrameSettings
-from .topics import LATCHED, OVERRIDABLE, SENSOR
-from ..errors import brief, PlanningError, PoseError
+from .topics import LATCHED, overridable, SENSOR
+from ..errors import brief, OptionError, PlanningError, PoseError
 from ..mission.geography import Origin
 from ..output.autopilots import Reference, REFERENCES, Vector
 
@@ -54,8 +54,7 @@ class LocalFrames:
         check_versions(node, [source.kind])
         callback = partial(self._on_message, name, source.read)
         for topic in topics:
-            node.create_subscription(
-                kind, topic, callback, SENSOR, qos_overriding_options=OVERRIDABLE)
+            node.create_subscription(kind, topic, callback, **overridable(SENSOR))
             # The latched subscription gets a message from before this node's start.
             node.create_subscription(kind, topic, callback, LATCHED)
 
@@ -66,7 +65,7 @@ class LocalFrames:
         First `<uav>.origin` is subtracted. With `<uav>.reference`, x and y are then converted by
         way of latitude and longitude.
 
-        :raises PoseError: while the origin of the local frame is unknown.
+        :raises PoseError: while the origin of the local frame is unknown; as _convert does.
         """
         x, y, z = (value - shift for value, shift in zip(place, self._shift(name), strict=True))
         frame = self._frame(name)
@@ -137,7 +136,14 @@ class LocalFrames:
 
 
 def _convert(place: Vector, source: Origin | None, target: Origin | None) -> Vector:
-    """Convert a position from the frame of a source origin to the frame of a target origin."""
+    """
+    Convert a position from the frame of a source origin to the frame of a target origin.
+
+    :raises PoseError: if the position is too far from an origin for the origin's projection.
+    """
     assert source is not None and target is not None
-    x, y = target.to_local(*source.to_geographic(*place[:2]))
+    try:
+        x, y = target.to_local(*source.to_geographic(*place[:2]))
+    except OptionError as error:
+        raise PoseError(str(error)) from None
     return (float(x), float(y), place[2])

@@ -28,7 +28,8 @@ Kind = TypeVar('Kind')
 """The settings of a node, or of a member of the node."""
 
 # Prefixes of the parameters that every node of ROS has.
-_ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+_ROS_PREFIXES = ('qos_overrides./parameter_events.', 'qos_overrides./clock.', 'use_sim_time',
+                 'start_type_description_service')
 
 _MOST_IN_ZONE = 80  # Largest length of a zone's name, to which a number may be added.
 
@@ -80,11 +81,16 @@ class Settings(Generic[Kind]):
                 self._values['tracks'] = self._mission_values.pop('tracks')
 
     def warn_of_unknown(self) -> None:
-        """Log each given parameter that does not exist, with the nearest name that does."""
+        """
+        Log each given parameter that does not exist, with the nearest name that does.
+
+        A quality of service can be given of the topics that the node has now.
+        """
+        names = self._node.get_parameters_by_prefix('')
         for name in sorted(_overrides(self._node)):
             if self._node.has_parameter(name) or name.startswith(_ROS_PREFIXES):
                 continue
-            near = difflib.get_close_matches(name[:200], self._specs, 1)
+            near = difflib.get_close_matches(name[:200], names, 1)
             hint = f'; did you mean {near[0]}?' if near else ''
             self._node.get_logger().warning(
                 f'there is no parameter {brief(name, 100)}, it is ignored{hint}')

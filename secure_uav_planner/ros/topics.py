@@ -1,6 +1,7 @@
 """The nodes' topics and services: their names, types, quality of service and meanings."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from copy import copy
 from functools import partial
 from inspect import isawaitable
 from typing import Any, NamedTuple, TypeAlias
@@ -37,10 +38,10 @@ STREAM = QoSProfile(depth=10)
 REQUESTS = QoSProfile(depth=1000)
 """For services: simultaneous requests are queued, and none is lost."""
 
-OVERRIDABLE = QoSOverridingOptions([
+# Policies that parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>` may set.
+_OVERRIDABLE = QoSOverridingOptions([
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY])
-"""Policies that parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>` may set."""
 
 
 class Topic(NamedTuple):
@@ -145,11 +146,20 @@ Answer: TypeAlias = tuple[bool, str]
 """Success and message of a service's answer."""
 
 
+def overridable(qos: QoSProfile) -> dict[str, Any]:
+    """
+    Return arguments that give a publisher or subscription a profile with overrides by parameters.
+
+    They hold a copy, because rclpy writes the overrides of one topic into the profile itself.
+    """
+    return {'qos_profile': copy(qos), 'qos_overriding_options': _OVERRIDABLE}
+
+
 def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
                ) -> dict[str, Publisher]:
     """Create the publishers, by topic name; a topic of `<uav>` has one for each UAV."""
     return {name: node.create_publisher(
-        topic.kind, name, topic.qos, qos_overriding_options=OVERRIDABLE)
+        topic.kind, name, **overridable(topic.qos))
         for name, topic in _named(topics, {'<uav>': uavs})}
 
 
@@ -165,8 +175,8 @@ def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, 
     """
     for name, topic in _named(topics, {'<uav>': uavs, **receivers}):
         node.create_subscription(
-            topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
-            qos_overriding_options=OVERRIDABLE)
+            topic.kind, name, partial(callback, name), callback_group=group,
+            **overridable(topic.qos))
 
 
 def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Answer]]],

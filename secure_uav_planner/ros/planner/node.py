@@ -20,10 +20,11 @@ from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
 from .plan_file import check_plan_file, load_plan, reserve_plan_file, save_plan
-from .plan_tracking import PlanTracking
+from .plan_tracking import PlanTracking, start_of
 from .poses import PoseBook
 from .replan import Remainder, Replanning
-from .request import Call, explain_infeasible, make_request, Request, StartTime
+from .request import (
+    Call, earliest_request, explain_infeasible, make_request, Request, StartTime)
 from .settings import PlannerSettings
 from .solver import Job, Result, SolverThread
 from .status import (
@@ -72,6 +73,8 @@ class Planner(WorkingNode):
         self._state = State()
         self._solver = SolverThread(self.post, self._publish_status)
         self._call = Call('answered')  # The last call of ~/plan.
+        # Time [s] that the clock must have reached if it was not set back since a restored plan.
+        self._reached = -math.inf
         # Time, by time.monotonic, until which a restored plan's follower may be discovered.
         self._discovery_deadline = 0.0
         self._replanning = Replanning(self._poses, self._tracking)
@@ -141,7 +144,7 @@ class Planner(WorkingNode):
         self._pose_warnings.clear(topic)
         if remark:
             self.get_logger().warning(remark)
-        if is_first:
+        if is_first or remark:
             self._publish_status()
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
@@ -283,6 +286,10 @@ class Planner(WorkingNode):
     def _on_check(self) -> None:
         """Update what is known of the flight, and begin a replan that is due."""
         settings, now = self._settings, self._now()
+        if 0.0 < now:  # Simulated time is 0 until it is known.
+            reached, self._reached = self._reached, -math.inf
+            if now < reached:
+                self._on_jump(reached, now)
         self._tracking.observe(settings, now)
         self._plan_if_discovered()
         if (ended := self._tracking.check_promise(now)) is not None:
@@ -343,13 +350,13 @@ class Planner(WorkingNode):
         """Publish the plan in the plan file, if there is one, or warn why it cannot be used."""
         file = self._plan_file
         try:
-            if not file or (
-                    plan := load_plan(file, self._uavs, [*self._settings.ground_nodes])) is None:
+            if not file or (plan := load_plan(file, self._settings)) is None:
                 return
             outgoing = messages.serialize_plan(plan, self._settings.frame_id)
             self._state.keep_restored(plan)
             self._publish_plan(plan, outgoing)
             self._log_outcome()
+            self._reached = earliest_request(plan, self._settings)
             self._discovery_deadline = time.monotonic() + _DISCOVERY  # ~/plan may wait till then.
         except Exception as error:
             describe = brief if isinstance(error, (PlanningError, OSError)) else describe_error
@@ -367,6 +374,7 @@ class Planner(WorkingNode):
             self._outputs[topic].publish(message)
         now = self._now()
         self._tracking.add_plan(plan, now)
+        self._poses.expect(plan.scenario, max(begin, now - start_of(plan) * 1e-9))
         self._replanning.note_plan(now, begin)
         self._publish_status()
 
@@ -403,7 +411,8 @@ class Planner(WorkingNode):
     def _save(self, plan: Plan) -> None:
         """Save a plan in the solver's thread, since writing to a disk takes time."""
         if file := self._plan_file:
-            self._solver.run(partial(save_plan, plan, file, self.get_logger()))
+            self._solver.run(partial(
+                save_plan, plan, file, self._settings.frame_id, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
         """Return the message of the status: plan, solver, flight, poses and problems."""

@@ -1,13 +1,14 @@
 """The file that keeps the last plan of a planner over a restart."""
 
-from collections.abc import Sequence
 import hashlib
 from pathlib import Path
 import socket
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from ...errors import brief, ParameterError, PlanFileError
+from .settings import PlannerSettings
+from ...errors import brief, ParameterError, PlanFileError, quote
+from ...plan.file import read_plan, write_plan
 from ...plan.plan import Plan
 
 
@@ -36,25 +37,32 @@ def reserve_plan_file(file: str) -> socket.socket | None:
     return reservation
 
 
-def load_plan(file: str, uavs: Sequence[str], nodes: Sequence[str]) -> Plan | None:
+def load_plan(file: str, settings: PlannerSettings) -> Plan | None:
     """
     Return the plan in a file, or None if the file does not exist.
 
-    :raises PlanFileError: if the plan has no start time, or if its UAVs and ground nodes are not
-        `uavs` and `nodes` in this order; also as Plan.load does.
+    :raises PlanFileError: if the plan has no start time, or if its UAVs, ground nodes and
+        eavesdroppers, in this order, or its frame are not those of the settings; also as Plan.load
+        does. A plan that Plan.save wrote has no frame.
     """
     if not Path(file).exists():
         return None
-    plan = Plan.load(file)
-    names = [uav.name for uav in plan.scenario.uavs], [*plan.scenario.ground_node_names]
-    if names != ([*uavs], [*nodes]) or plan.start_ns is None:
-        raise PlanFileError(f'{file} is not a plan for {", ".join([*uavs, *nodes])}')
+    plan, frame_id = read_plan(file, Plan)
+    scenario, names = plan.scenario, [
+        [*settings.uavs], [*settings.ground_nodes], [*settings.eavesdroppers]]
+    if plan.start_ns is None or names != [
+            [uav.name for uav in scenario.uavs], [*scenario.ground_node_names],
+            [*scenario.eavesdropper_names]]:
+        raise PlanFileError(f'{file} is not a plan for {", ".join(sum(names, []))}')
+    if frame_id not in (None, settings.frame_id):
+        raise PlanFileError(f'{file} is in frame {quote(frame_id)} and the parameter frame_id is '
+                            f'{quote(settings.frame_id)}')
     return plan
 
 
-def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
-    """Save a plan, or log why that fails."""
+def save_plan(plan: Plan, file: str, frame_id: str, log: RcutilsLogger) -> None:
+    """Save a plan and the name of its frame, or log why that fails."""
     try:
-        plan.save(file)
+        write_plan(plan, file, frame_id=frame_id)
     except (OSError, ValueError) as error:
         log.error(f'plan_file: {brief(error)}; the plan is published all the same')

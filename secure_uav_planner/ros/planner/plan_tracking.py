@@ -377,7 +377,10 @@ class PlanTracking:
         problems = self._follower_problems(now) + [
             problem for name in settings.uavs
             if (problem := self.relays.problem(name, is_under_way))]
-        if flight is None:
+        newest = next(reversed(self._plans.values()), None)
+        if flight is None or flight.state != 'ended' or flight.playback is not newest:
+            problems += self._poses.left_discs
+        if flight is None or newest is None:
             return problems, TrackStatus()
         problems += self._promise_problems(flight)
         silence = now - self._last_arrival[0]
@@ -387,7 +390,6 @@ class PlanTracking:
         distances = self.distances(settings, now)
         if flight.state != 'waiting':
             problems += self._distance_problems(flight, distances, settings)
-        newest = next(reversed(self._plans.values()))
         rates = self._achieved.rates or (math.nan, math.nan)
         late = now - start_of(newest.plan) * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:

@@ -12,10 +12,10 @@ import numpy as np
 from .frames import Message, refuse_frame, turn_covariance
 from .settings import PlannerSettings
 from ..topics import member_topics
-from ...errors import (
-    PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
+from ...errors import PoseError, PoseMissingError, PoseStaleError, quote
 from ...mission.fields import COORDINATE, find_range, Number, Point, RADIUS
 from ...mission.participants import Uav
+from ...mission.scenario import Scenario
 from ...mission.tracks import MAX_SPEED
 from ...mission.validation import Array
 from ...output.autopilots import rotation, Vector
@@ -39,13 +39,13 @@ _LEAST_JUMP = 0.1  # Least time [s] by which a clock goes back when it has been 
 # times in a row.
 _OUTSIDE = 3
 _LEAST_COMPARED = 0.1  # Least time [s] between two poses that are compared with a disc.
+_STANDS = 1e-6  # Largest change [m] of the disc of an eavesdropper that stands.
 
 
 @dataclass(frozen=True)
 class KnownPose:
     """The last valid pose of a topic."""
 
-    frame_id: str
     position: Point  # (x, y) in m
     height: float  # z in m
     covariance: Array | None  # Covariance of x and y, (2, 2) in m^2.
@@ -72,13 +72,13 @@ class KnownPose:
 
 @dataclass
 class _Disc:
-    """The disc of the first pose of an eavesdropper without a velocity and a max_speed."""
+    """The disc in which the last plan expects an eavesdropper that stands."""
 
     position: Point
     radius: float  # m
     outside: int = 0  # Number of successive poses whose discs do not meet this disc.
     compared: float = -math.inf  # Time [s] at which the last pose was compared with this disc.
-    is_left: bool = False  # Whether a warning has said that the eavesdropper left this disc.
+    warning: str = ''  # That the eavesdropper has left this disc, once it has.
 
 
 class PoseBook:
@@ -102,7 +102,7 @@ class PoseBook:
         self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
         # Times [s] and positions [m] of the last second by topic, which give a velocity.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
-        self._discs: dict[str, _Disc] = {}
+        self._discs: dict[str, _Disc] = {}  # By the name of the eavesdropper.
         self._latest = -math.inf  # Latest time of the clock [s].
         self._was_set_back = False  # Whether the clock has ever jumped back.
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
@@ -116,7 +116,8 @@ class PoseBook:
 
         :param most_lag: largest lag [s] of the node's clock. A stamp that is less than most_lag
             ahead of `now` also becomes the time of the reception.
-        :return: a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
+        :return: a warning, once, that an eavesdropper has left the disc that the last plan expects
+            it in; otherwise ''.
         :raises PoseError: if the pose cannot be used. The last valid pose is then kept, and the
             error is noted as the topic's refusal.
         """
@@ -150,7 +151,7 @@ class PoseBook:
         """
         before, self._latest = self._latest, max(now, self._latest)
         if now < before - _LEAST_JUMP:
-            for content in (self._poses, self._refusals, self._recent, self._discs):
+            for content in (self._poses, self._refusals, self._recent):
                 content.clear()
             self._latest, self._was_set_back, self._valid_from = now, True, -math.inf
         elif before > 0.0 and now > before + longest:  # Simulated time is 0 until it is known.
@@ -167,10 +168,7 @@ class PoseBook:
         A pose without velocity and covariance gets a velocity by _estimate_velocity.
         """
         last = self._poses.get(topic)
-        if last is not None and last.frame_id != pose.frame_id:
-            self._recent.pop(topic, None)  # Positions in another frame are of no use.
-            self._discs.pop(topic, None)
-        elif last is not None and pose.time < last.time and (
+        if last is not None and pose.time < last.time and (
                 pose.received - last.received < _KEPT_BEFORE_OLDER):
             return
         if pose.velocity is None and pose.covariance is None:
@@ -194,32 +192,47 @@ class PoseBook:
         before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
+    def expect(self, scenario: Scenario, time: float) -> None:
+        """
+        Compare poses from now on with the discs in which a plan has standing eavesdroppers.
+
+        :param scenario: the scenario of the plan.
+        :param time: time of the plan [s]; an eavesdropper stands if its disc stays from then on.
+        """
+        times = scenario.times
+        _, centres, radii = scenario.receivers_at([min(max(time, 0.0), times[-2]), times[-1]])
+        self._discs = {
+            name: _Disc((float(x), float(y)), float(radius))
+            for name, ((x, y), last), (radius, last_radius) in zip(
+                scenario.eavesdropper_names, centres, radii, strict=True)
+            if math.dist((x, y), last) + abs(radius - last_radius) < _STANDS}
+
+    @property
+    def left_discs(self) -> list[str]:
+        """Warnings of the eavesdroppers that have left the disc that the last plan has of them."""
+        return [disc.warning for disc in self._discs.values() if disc.warning]
+
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:
         """
-        Return a warning, once, that an eavesdropper without a max_speed has moved; otherwise ''.
+        Return a warning, once, that an eavesdropper has left its disc in `_discs`; otherwise ''.
 
-        It has moved if the error discs of _OUTSIDE poses in a row on its pose topic do not meet
-        the disc of the first pose. Poses that came less than _LEAST_COMPARED [s] after a compared
-        one, or that are not used because odometry is, are not compared.
+        It has left if the error discs of _OUTSIDE usable poses in a row do not meet its disc. A
+        pose that comes less than _LEAST_COMPARED [s] after a compared one is not compared.
         """
-        odometry, pose_topic = member_topics(name)
-        pose = self._poses[topic]
-        is_stationary = (name in settings.eavesdroppers and topic == pose_topic
-                         and not settings.eavesdroppers[name].max_speed)
-        if not is_stationary or self.usable_pose(name, settings, now) is not pose:
+        disc, pose = self._discs.get(name), self._poses[topic]
+        if disc is None or disc.warning or abs(now - disc.compared) < _LEAST_COMPARED or (
+                self.usable_pose(name, settings, now) is not pose):
             return ''
         radius = pose.radius(name, settings)
-        disc = self._discs.setdefault(topic, _Disc(pose.position, radius))
-        if disc.is_left or now - disc.compared < _LEAST_COMPARED:
-            return ''
         distance, disc.compared = math.dist(pose.position, disc.position), now
         disc.outside = disc.outside + 1 if distance > disc.radius + radius else 0
-        disc.is_left = disc.outside >= _OUTSIDE
-        if not disc.is_left:
-            return ''
-        return (f'{name} has left its disc: it moved {distance:.0f} m but is modelled as '
-                'stationary, and rates are promised for a receiver that stays; publish its '
-                f'odometry on {odometry} or set {name}.max_speed')
+        if disc.outside >= _OUTSIDE:
+            disc.warning = (
+                f'{name} has left its disc: it is {distance:.0f} m from its place in the plan, in '
+                'which it is modelled as stationary, and rates are promised for a receiver that '
+                f'stays; plan again, with its odometry on {member_topics(name)[0]} or with '
+                f'{name}.max_speed if it moves on')
+        return disc.warning
 
     def get(self, topic: str) -> KnownPose | None:
         """Return the last valid pose of the topic, or None."""
@@ -284,20 +297,17 @@ class PoseBook:
         Return the reason why the pose of a topic cannot be used for planning, or None.
 
         A receiver must have a pose, with |z| at most height_tolerance. A topic of a UAV on which
-        no pose has come has no problem. A refused pose is a problem only if no valid one in the
-        frame frame_id came before it.
+        no pose has come has no problem. A refused pose is a problem only if no valid one came
+        before it.
         """
         is_receiver = topic.partition('/')[0] not in settings.uavs
-        frame_id, timeout = settings.frame_id, settings.pose_timeout
+        timeout = settings.pose_timeout
         pose, refusal = self._poses.get(topic), self._refusals.get(topic)
-        if refusal is not None and (pose is None or pose.frame_id != frame_id):
+        if refusal is not None and pose is None:
             return type(refusal)(f'the last pose on {topic} was refused: {refusal}')
         if pose is None:
             since = ' since the clock was set back' if self._was_set_back else ''
             return PoseMissingError(f'no pose has come on {topic}{since}') if is_receiver else None
-        if pose.frame_id != frame_id:
-            return WrongFrameError(f'{topic} is in frame {quote(pose.frame_id)} and the parameter '
-                                   f'frame_id is {quote(frame_id)}')
         if pose.time < self._valid_from:
             return PoseStaleError(f'the pose on {topic} is from before the clock jumped ahead')
         if timeout and pose.age(now) > timeout:
@@ -343,8 +353,8 @@ def read_pose(message: Message, settings: PlannerSettings, now: float, is_receiv
     # rclpy's Time is not used, because it raises an error for times before 1970.
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
     place = pose.position
-    read = KnownPose(header.frame_id, (place.x, place.y), place.z, covariance, stamp, now,
-                     velocity, velocity_covariance)
+    read = KnownPose((place.x, place.y), place.z, covariance, stamp, now, velocity,
+                     velocity_covariance)
     _check_sizes(read, settings)
     return read
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 
 from rclpy.task import Future
 
-from .plan_tracking import check_continuation
+from .plan_tracking import check_continuation, start_of
 from .poses import PoseBook
 from .receivers import predict_receivers, Receivers
 from .settings import PlannerSettings
@@ -218,6 +218,12 @@ class Request:
         scenario = replace(plan.scenario, **receivers.fields)
         return replace(self, scenario=scenario, clock=clock, receivers=receivers,
                        solved=replace(plan, scenario=scenario))
+
+
+def earliest_request(plan: Plan, settings: PlannerSettings) -> float:
+    """Return the earliest time [s] at which a plan with a start was asked for, by the settings."""
+    return start_of(plan) * 1e-9 - _RELEASE_S - plan.scenario.slot_duration - max(
+        settings.start_delay, settings.replan_lead)
 
 
 def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,

@@ -24,7 +24,7 @@ from ..relay_reports import RelayState, REPORT_PERIOD
 from ..settings import (
     check_references, origin_from, read_settings, Settings, VehicleSettings)
 from ..topics import (
-    Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
+    Answer, overridable, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
 from ...errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
 from ...mission.geography import Origin
 from ...output.autopilots import rotation, STACKS, Vector
@@ -120,12 +120,12 @@ class Relay(WorkingNode):
     def _connect_vehicle(self, name: str, vehicle: str) -> None:
         """Create publishers to a UAV's autopilot, and subscriptions to its state, in `vehicle`."""
         self._outputs[name] = {kind: self.create_publisher(
-            self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
+            self._kinds[kind], f'{vehicle}/{topic}', **overridable(STREAM))
             for kind, topic in self._stack.topics.items()}
         for kind, topic in self._stack.states.items():
             self.create_subscription(
                 self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_state, name, kind),
-                SENSOR, qos_overriding_options=OVERRIDABLE)
+                **overridable(SENSOR))
 
     @property
     def _settings(self) -> RelaySettings:
