@@ -301,8 +301,8 @@ def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_t
             assert start.time_limit(60.0, tracking.until_superseded(
                 flight, 1010.1)) == pytest.approx(left)
     # One that its follower has not adopted is not waited for, nor one of a flight that is held.
-    assert tracking.until_superseded(flight, 1014.1) == math.inf
     assert tracking.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
+    assert tracking.until_superseded(flight._replace(time=14.1), 1014.1) == math.inf
 
 
 def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():

@@ -297,7 +297,7 @@ class Planner(WorkingNode):
         if self._solver.is_solving or self._state.plan is None or self.is_closed:
             return
         try:
-            rule = self._replanning.find_rule(self._state.plan, settings, now)
+            rule = self._replanning.find_rule(settings, now)
             if rule is None and self._replanning.is_settled(settings, now):
                 self._state.forget_replan()
             remainder = rule and self._replanning.take_remainder(rule, settings, now)

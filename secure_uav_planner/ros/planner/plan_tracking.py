@@ -46,6 +46,8 @@ class PlanTracking:
         self._poses, self.relays = poses, RelayReports()
         self._plans: dict[str, Playback] = {}  # The last plans by identity.
         self._published_ns = 0  # Time of the newest plan's publication [ns].
+        # Time [s] of the plan in flight at which the newest plan is to replace it.
+        self._takeover = -math.inf
         self._achieved = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
@@ -59,13 +61,16 @@ class PlanTracking:
 
     def add_plan(self, plan: Plan, now: float) -> None:
         """Track a plan published at `now` [s] as the newest one; drop all but the last few."""
+        playback, flight = Playback(plan), self.flight(now)
+        self._takeover = -math.inf if flight is None else flight.time + flight.time_scale * max(
+            0.0, (playback.begin_ns or 0) * 1e-9 - now)
         # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
         # A plan that is published again moves to the end of the dict.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
-        self._plans[plan.identity] = Playback(plan)
+        self._plans[plan.identity] = playback
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
@@ -127,11 +132,10 @@ class PlanTracking:
         if reports is None or reports.identity not in self._plans:
             return None
         reported = self._plans[reports.identity]
-        newest = next(reversed(self._plans.values()))
-        is_newest = newest.plan.start_ns == reported.plan.start_ns and (
+        is_newest = self._newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
         time, time_scale = reports.at(now_ns, start_of(reported.plan))
-        return Flight(newest if is_newest else reported, time, time_scale,
+        return Flight(self._newest if is_newest else reported, time, time_scale,
                       reports.is_current(now_ns))
 
     # The promise
@@ -236,22 +240,45 @@ class PlanTracking:
         """
         Return the time [s] until the newest plan replaces the plan in flight, or infinity.
 
-        It is infinite if no plan is flying, if the newest plan has the start time of the plan in
-        flight, or if the newest plan was due more than ADOPTION_GRACE ago.
+        It is infinite if no plan is flying, or if the flight does not await the newest plan.
 
         :raises LateError: if less than _LEAST_AHEAD [s] is left.
         """
-        newest = next(reversed(self._plans.values()), None)
-        if newest is None or flight is None or flight.state != 'flying' or (
-                newest.plan.start_ns == flight.playback.plan.start_ns):
+        if flight is None or flight.state != 'flying' or not self.awaits_newest(flight, now):
             return math.inf
-        ahead = start_of(newest.plan) * 1e-9 + newest.begin - now
-        if ahead < -ADOPTION_GRACE:
-            return math.inf  # The follower has not adopted it.
+        ahead = max(0.0, -self._lateness_of_newest(flight, now))
         if ahead < _LEAST_AHEAD:
-            raise LateError(f'plan {newest.plan.identity} takes effect in {max(0.0, ahead):.1f} '
-                            's; ask again when it is flown')
+            raise LateError(f'plan {self._newest.plan.identity} takes effect in {ahead:.1f} s; '
+                            'ask again when it is flown')
         return ahead
+
+    @property
+    def _newest(self) -> Playback:
+        """Return the newest plan, once there is one."""
+        return next(reversed(self._plans.values()))
+
+    def awaits_newest(self, flight: Flight, now: float) -> bool:
+        """
+        Return True if the newest plan, with another start time, is to replace the plan in flight.
+
+        It is False if the newest plan was due more than ADOPTION_GRACE ago, since the follower has
+        then refused it.
+        """
+        return self._newest.plan.start_ns != flight.playback.plan.start_ns and (
+            self._lateness_of_newest(flight, now) <= ADOPTION_GRACE)
+
+    def _lateness_of_newest(self, flight: Flight, now: float) -> float:
+        """
+        Return how long ago [s] the newest plan was due to be flown; negative before that.
+
+        A flight that is paused or slower before the newest plan begins delays it as much.
+        """
+        late = flight.time - self._takeover  # In time of the plan in flight [s].
+        if flight.time_scale:
+            late /= flight.time_scale
+        elif late >= -_ROUNDING:
+            late = math.inf  # Held when the newest plan was already due.
+        return min(now - (self._newest.begin_ns or 0) * 1e-9, late)
 
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
@@ -387,12 +414,11 @@ class PlanTracking:
         distances = self.distances(settings, now)
         if flight.state != 'waiting':
             problems += self._distance_problems(flight, distances, settings)
-        newest = next(reversed(self._plans.values()))
         rates = self._achieved.rates or (math.nan, math.nan)
-        late = now - start_of(newest.plan) * 1e-9 - newest.begin
-        if newest is not flight.playback and late > ADOPTION_GRACE:
-            problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
-                            f'adopted it and flies {flight.playback.plan.identity}')
+        if self._newest is not flight.playback and (
+                self._lateness_of_newest(flight, now) > ADOPTION_GRACE):
+            problems.append(f'plan {self._newest.plan.identity} is not flown: the follower has '
+                            f'not adopted it and flies {flight.playback.plan.identity}')
         return problems, TrackStatus(
             flight.playback.plan.identity, flight.time,
             flight.state if flight.is_reported else f'{flight.state}, silent',
