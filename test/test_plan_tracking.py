@@ -204,6 +204,22 @@ def test_a_follower_of_an_unknown_plan_is_named(plan, other):
     assert tracking.unknown_plan(1012.0) is None  # Silent since.
 
 
+def test_a_planner_restarted_while_its_plan_waits_says_when_that_is_flown(plan, other):
+    """Before, it advised to end a flight whose follower was about to adopt the plan."""
+    tracking = tracking_of(replace(plan, start_ns=1030 * 10**9), now=1010.0)
+    waiting = next(iter(tracking._plans))
+    for clock, text in ((1010.0, 'takes effect in 20.0 s'), (1031.0, 'takes effect in 0.0 s'),
+                        (1033.0, None)):
+        report(tracking, other, (clock - 0.2, clock - 1000.2), (clock - 0.1, clock - 1000.1))
+        problem, = tracking.status(SETTINGS, clock)[0]
+        with pytest.raises(LateError if text else SupersededError) as error:
+            tracking.check_known(clock)
+        for told in (problem, str(error.value)):
+            assert 'which this planner does not have' in told
+            assert ('~/pause and ~/reset' in told) == (text is None)
+            assert (f'plan {waiting} {text}' in told) == (text is not None)
+
+
 def test_a_flight_whose_rate_changes_is_not_steady(plan):
     """A flight that is released after a pause is in test_tracking.py."""
     tracking = tracking_of(plan)

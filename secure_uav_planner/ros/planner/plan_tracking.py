@@ -228,13 +228,27 @@ class PlanTracking:
             0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
 
     def check_known(self, now: float) -> None:
-        """Raise a SupersededError while a plan unknown here is flown; a held one is no error."""
+        """
+        Raise an error while a plan unknown here is flown; a held one is no error.
+
+        :raises LateError: if the newest plan, which the follower may adopt, has not begun.
+        :raises SupersededError: otherwise.
+        """
         unknown = self._unknown
         _, time_scale = unknown.at(round(now * 1e9), 0) if unknown else (0.0, 0.0)
-        if unknown and self.unknown_plan(now) and time_scale > 0:
-            raise SupersededError(
-                f'a follower flies plan {unknown.identity}, which this planner does not '
-                'have; end that flight first, as by ~/pause and ~/reset of the replay')
+        if not (unknown and self.unknown_plan(now) and time_scale > 0):
+            return
+        text = f'a follower flies plan {unknown.identity}, which this planner does not have; '
+        if takeover := self._describe_takeover(now):
+            raise LateError(f'{text}{takeover}; ask again when it is flown')
+        raise SupersededError(
+            f'{text}end that flight first, as by ~/pause and ~/reset of the replay')
+
+    def _describe_takeover(self, now: float) -> str:
+        """Say when the newest plan takes effect; empty if it was due over ADOPTION_GRACE ago."""
+        ahead = (self._newest.begin_ns or 0) * 1e-9 - now if self._plans else -math.inf
+        return '' if ahead < -ADOPTION_GRACE else (
+            f'plan {self._newest.plan.identity} takes effect in {max(0.0, ahead):.1f} s')
 
     def until_superseded(self, flight: Flight | None, now: float) -> float:
         """
@@ -429,8 +443,10 @@ class PlanTracking:
         """Return what is wrong with the reports on plan_time, in words."""
         problems, unknown = [], self.unknown_plan(now)
         if unknown is not None:
-            problems.append(f'the follower plays plan {unknown}, which this planner does not '
-                            'have: it adopts a new plan only after its ~/pause and ~/reset')
+            problems.append(
+                f'the follower plays plan {unknown}, which this planner does not have: ' + (
+                    self._describe_takeover(now)
+                    or 'it adopts a new plan only after its ~/pause and ~/reset'))
         ignored, time = self._ignored or ('', -math.inf)
         if 0 <= now - time <= SILENCE:
             problems.append(
