@@ -222,13 +222,15 @@ class Planner(WorkingNode):
         """Publish the plan of a request, or refuse it, and answer its call."""
         try:
             plan, outgoing = result()
-            if request.is_outlasted_by(plan):  # Predict the receivers again, and answer later.
-                self._solve(request.predict_again(plan, self._poses, self._now_ns()))
-                return
             now_ns = self._now_ns()
             now = now_ns * 1e-9
-            if self._call.has_jumped and plan.promised_until is not None:
+            # Predictions, and a point 0 by start_delay, are for the clock before the jump.
+            if self._call.has_jumped and (
+                    plan.promised_until is not None or request.start.delay):
                 raise LateError('the clock jumped while the plan was made; ask again')
+            if request.is_outlasted_by(plan):  # Predict the receivers again, and answer later.
+                self._solve(request.predict_again(plan, self._poses, now_ns))
+                return
             request.start.check_in_time(now_ns)
             self._tracking.check_steady(now)
             request.check_flight(self._flight(now), now)

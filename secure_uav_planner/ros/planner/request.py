@@ -211,7 +211,12 @@ class Request:
                        promised_until=until - later)
 
     def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
-        """Return this request, solved by `plan`, with receivers predicted from now_ns on."""
+        """
+        Return this request, solved by `plan`, with receivers predicted from now_ns on.
+
+        :raises PoseError: if a receiver has no usable pose any more.
+        """
+        poses.check(self.settings, now_ns * 1e-9, with_uavs=False)
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
             self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
