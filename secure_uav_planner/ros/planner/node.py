@@ -36,7 +36,7 @@ from ..settings import Settings
 from ..topics import is_simulated, publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
 from ...errors import (
-    brief, BusyError, describe_error, LateError, PlanningError, PoseError)
+    brief, BusyError, describe_error, LateError, PlanningError, PoseError, StoppedError)
 from ...optimize.initial import is_similar
 from ...plan.flight import Flight
 from ...plan.plan import Plan
@@ -269,9 +269,11 @@ class Planner(WorkingNode):
         return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
-        if self._solver.cancel():
-            return True, 'cancelling'
-        return False, 'no solve is under way'
+        if self._call.state == 'waits':
+            self._call.reply(False, self._refuse(StoppedError('cancelled')))
+        elif not self._solver.cancel():
+            return False, 'no solve is under way'
+        return True, 'cancelling'
 
     def _refuse(self, error: Exception, is_replan: bool = False) -> str:
         """Note, log and return the reason why there is no new plan."""
