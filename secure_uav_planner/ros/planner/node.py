@@ -425,10 +425,9 @@ class Planner(WorkingNode):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        """Publish the status on /diagnostics and, once a flight is reported, on ~/status."""
-        now, status = self._now(), self._status_message()
-        if self._tracking.flight(now) is not None:
-            self._outputs['~/status'].publish(status)
+        """Publish the status on ~/status and /diagnostics."""
+        status = self._status_message()
+        self._outputs['~/status'].publish(status)
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._outputs['/diagnostics'].publish(message)
