@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ros_client import (
     odometry_message, pose_message, set_variance, SETTINGS, settings_with, stamp_at)
-from secure_uav_planner import Eavesdropper, Scenario, solve
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.output.autopilots import Setpoint
@@ -282,6 +282,23 @@ def test_a_promise_that_has_ended_is_told_and_a_replan_comes_before():
             assert problems(bench, clock) == [
                 f'the promise of plan {plan.identity} ended at 10.0 s: the receivers that move '
                 'are predicted no further; plan again']
+
+
+def test_a_promise_that_an_early_flight_ended_is_not_told_as_one_of_short_predictions():
+    """Before, the flight that was on time again had it that receivers are predicted no further."""
+    track = tuple((time, *car_at(time), 5.0) for time in (0.0, 200.0))
+    bench = Bench(replace(
+        fly_hover_fly(replace(Scenario.paper(120.0, slots=40), eavesdroppers=(
+            Eavesdropper(car_at(0.0), 5.0, track=track),))),
+        start_ns=START * 10**9, promised_until=120.0))
+    for clock, late, reason in (
+            (30.0, -1.0, 'the flight is 1.0 s earlier than the receivers that move are predicted '
+             'for'), (40.0, 0.0, 'the flight was early or late, or the clock jumped')):
+        bench.report(clock, clock - late)
+        bench.tracking.check_promise(START + clock)
+        problem, = bench.tracking.status(SETTINGS, START + clock)[0]
+        assert problem == (f'the promise of plan {bench.plan.identity} ended at 27.0 s: {reason}; '
+                           'plan again')
 
 
 def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(bench):

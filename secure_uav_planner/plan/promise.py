@@ -118,4 +118,4 @@ class Promise:
                     'prediction_horizon')
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (
             '' if self.mask[-1] or until is None else
-            f', until {until:.1f} s as far as receivers are predicted')
+            f', until {until:.1f} s')

@@ -12,6 +12,7 @@ import numpy as np
 from sensor_msgs.msg import TimeReference
 
 from .poses import PoseBook
+from .receivers import SHORTEST_TRACK
 from .settings import PlannerSettings
 from ..messages import nanoseconds, read_plan_time
 from ..planner_status import TrackStatus
@@ -194,10 +195,13 @@ class PlanTracking:
             return []
         if end <= flight.time:
             late = self._lateness(flight)
-            reason = ('the receivers that move are predicted no further'
-                      if abs(late) <= PUNCTUAL else
-                      f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
-                      'the receivers that move are predicted for')
+            if abs(late) > PUNCTUAL:
+                reason = (f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} '
+                          'than the receivers that move are predicted for')
+            elif _predictions_end(plan) > end + SHORTEST_TRACK:
+                reason = 'the flight was early or late, or the clock jumped'
+            else:
+                reason = 'the receivers that move are predicted no further'
             return [f'the promise of plan {plan.identity} ended at {end:.1f} s: {reason}; '
                     'plan again']
         return [f'the promise ended at {end:.1f} s; the next begins at {begin:.1f} s'
@@ -471,6 +475,13 @@ def _promise_end(plan: Plan) -> float:
     """Return the end of the promise [s] from point 0; infinite if it lasts to the plan's end."""
     until, last = plan.promised_until, float(plan.times[-1])
     return math.inf if until is None or until >= last - _ROUNDING else until
+
+
+def _predictions_end(plan: Plan) -> float:
+    """Return the time [s] from point 0 at which the first track of a receiver ends."""
+    receivers = *plan.scenario.ground_nodes, *plan.scenario.eavesdroppers
+    return min((receiver.track[-1][0] for receiver in receivers if receiver.track),
+               default=-math.inf)
 
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:
