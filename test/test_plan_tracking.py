@@ -307,15 +307,17 @@ def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_t
     report(tracking, plan, (1010.0, 10.0), (1010.1, 10.1))
     flight = tracking.flight(1010.1)
     assert tracking.until_superseded(flight, 1010.1) == math.inf
-    start = StartTime(1_010_100_000_000, 30.0, 0.0)
     for begin, left in ((1050, 29.0), (1020, 8.9), (1012, None)):
         tracking.add_plan(replace(plan, start_ns=begin * 10**9), 1010.1)
         if left is None:
             with pytest.raises(LateError, match='takes effect in 1.9 s; ask again when it is'):
                 tracking.until_superseded(flight, 1010.1)
         else:
-            assert start.time_limit(60.0, tracking.until_superseded(
-                flight, 1010.1)) == pytest.approx(left)
+            until = tracking.until_superseded(flight, 1010.1)
+            start = StartTime(1_010_100_000_000, 30.0, 0.0, until)
+            assert start.time_limit(60.0) == pytest.approx(left)
+            told = str(start.explain(TimeLimitError('over'), settings_with(time_limit=60.0)))
+            assert ('an earlier plan takes effect in 9.9 s' in told) == (begin == 1020)
     # One that its follower has not adopted is not waited for, nor one of a flight that is held.
     assert tracking.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
     assert tracking.until_superseded(flight._replace(time=14.1), 1014.1) == math.inf

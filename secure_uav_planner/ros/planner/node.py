@@ -199,9 +199,9 @@ class Planner(WorkingNode):
             self._tracking.check_steady(now)
             self._tracking.check_known(now)
             flight = self._flight(now)
-            start = StartTime.from_settings(settings, now_ns, flight)
-            limit = start.time_limit(settings.time_limit or None,
-                                     self._tracking.until_superseded(flight, now))
+            start = StartTime.from_settings(
+                settings, now_ns, flight, self._tracking.until_superseded(flight, now))
+            limit = start.time_limit(settings.time_limit or None)
             request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
