@@ -349,7 +349,7 @@ def test_a_tail_after_the_end_of_a_promise_does_not_ask_to_raise_the_horizon(pla
 
 def test_the_text_of_a_promise_says_until_when_its_receivers_are_predicted(plan):
     assert replace(plan, promised_until=50.0).promise.text == (
-        '50 of 102 slots promised, until 50.0 s as far as receivers are predicted')
+        '50 of 102 slots promised, until 50.0 s')
 
 
 def test_a_plan_whose_slots_are_all_promised_promises_its_rates_to_the_last_digit():

@@ -204,6 +204,22 @@ def test_a_follower_of_an_unknown_plan_is_named(plan, other):
     assert tracking.unknown_plan(1012.0) is None  # Silent since.
 
 
+def test_a_planner_restarted_while_its_plan_waits_says_when_that_is_flown(plan, other):
+    """Before, it advised to end a flight whose follower was about to adopt the plan."""
+    tracking = tracking_of(replace(plan, start_ns=1030 * 10**9), now=1010.0)
+    waiting = next(iter(tracking._plans))
+    for clock, text in ((1010.0, 'takes effect in 20.0 s'), (1031.0, 'takes effect in 0.0 s'),
+                        (1033.0, None)):
+        report(tracking, other, (clock - 0.2, clock - 1000.2), (clock - 0.1, clock - 1000.1))
+        problem, = tracking.status(SETTINGS, clock)[0]
+        with pytest.raises(LateError if text else SupersededError) as error:
+            tracking.check_known(clock)
+        for told in (problem, str(error.value)):
+            assert 'which this planner does not have' in told
+            assert ('~/pause and ~/reset' in told) == (text is None)
+            assert (f'plan {waiting} {text}' in told) == (text is not None)
+
+
 def test_a_flight_whose_rate_changes_is_not_steady(plan):
     """A flight that is released after a pause is in test_tracking.py."""
     tracking = tracking_of(plan)
@@ -291,18 +307,20 @@ def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_t
     report(tracking, plan, (1010.0, 10.0), (1010.1, 10.1))
     flight = tracking.flight(1010.1)
     assert tracking.until_superseded(flight, 1010.1) == math.inf
-    start = StartTime(1_010_100_000_000, 30.0, 0.0)
     for begin, left in ((1050, 29.0), (1020, 8.9), (1012, None)):
         tracking.add_plan(replace(plan, start_ns=begin * 10**9), 1010.1)
         if left is None:
             with pytest.raises(LateError, match='takes effect in 1.9 s; ask again when it is'):
                 tracking.until_superseded(flight, 1010.1)
         else:
-            assert start.time_limit(60.0, tracking.until_superseded(
-                flight, 1010.1)) == pytest.approx(left)
+            until = tracking.until_superseded(flight, 1010.1)
+            start = StartTime(1_010_100_000_000, 30.0, 0.0, until)
+            assert start.time_limit(60.0) == pytest.approx(left)
+            told = str(start.explain(TimeLimitError('over'), settings_with(time_limit=60.0)))
+            assert ('an earlier plan takes effect in 9.9 s' in told) == (begin == 1020)
     # One that its follower has not adopted is not waited for, nor one of a flight that is held.
-    assert tracking.until_superseded(flight, 1014.1) == math.inf
     assert tracking.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
+    assert tracking.until_superseded(flight._replace(time=14.1), 1014.1) == math.inf
 
 
 def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():

@@ -103,6 +103,15 @@ def test_what_is_missing_is_named_and_then_a_plan_comes_whole_with_the_rates_tha
     assert client.status.plan.iterations < cold.iterations
 
 
+def test_the_latched_status_tells_of_poses_that_get_old_also_without_a_flight(client):
+    """Before, only /diagnostics did, until the next request."""
+    with node_here('planner', duration=120.0, slots=20, pose_timeout=6.0):
+        client.send_paper(stamp=client.now())
+        wait_for(lambda: 'pose_timeout is 6 s' in client.statuses[-1].text, what='old poses')
+        client.send_paper()
+        wait_for(lambda: client.statuses[-1].level == DiagnosticStatus.OK, what='fresh poses')
+
+
 def test_teams_in_two_namespaces_plan_at_once_each_its_own_mission_with_its_own_names():
     teams = {'/north': ('uav1', 'uav2'), '/south': ('tx', 'left', 'right')}
     slots = {'/north': 20, '/south': 30}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ros_client import (
     odometry_message, pose_message, set_variance, SETTINGS, settings_with, stamp_at)
-from secure_uav_planner import Eavesdropper, Scenario, solve
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.output.autopilots import Setpoint
@@ -56,11 +56,11 @@ class Bench:
             self.report(now - 0.25 - START)
             self.report(now - START)
 
-    def replan(self, last, now, made={}, **settings):
+    def replan(self, now, made={}, **settings):
         settings = replace(settings_with(**{'replan_lead': 5.0, **settings}), **made)
         self.fly(now)
         self.tracking.observe(settings, now)
-        rule = self.replanning.find_rule(last, settings, now)
+        rule = self.replanning.find_rule(settings, now)
         if rule is None:
             return
         remainder = self.replanning.take_remainder(rule, settings, now)
@@ -101,7 +101,7 @@ class Bench:
         if offset is not None:
             place = Playback(self.plan).at(time).positions[0] + offset
             self.add_pose('uav1/odom', pose_message(Odometry, *place), now)
-        self.replan(self.plan, now, **settings)
+        self.replan(now, **settings)
 
 
 @pytest.fixture(scope='module')
@@ -220,6 +220,34 @@ def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(ben
     assert effect == 15.0 and (replan.powers[:, :5] == plan.powers[:, :5]).all()
 
 
+@pytest.mark.parametrize('change, settings', [
+    ({}, {'replan_period': 1.0}), ({'promised_until': 30.0}, {'replan_distance': 900.0}),
+    ({}, {'replan_distance': 5.0, 'eavesdropper': (230.0, 0.0)}),
+    ({}, {'replan_deviation': 5.0, 'offset': (20.0, 0.0)})],
+    ids=['period', 'promise', 'receivers', 'deviation'])
+def test_a_requested_plan_that_is_not_adopted_ends_no_rule_for_replans(plan, change, settings):
+    """Before, there was no replan for the rest of the flight."""
+    bench = Bench(replace(plan, **change))
+    bench.check(10.0)
+    bench.tracking.add_plan(replace(plan, start_ns=(START + 20) * 10**9), START + 10.0)
+    for clock, count in ((19.0, 0), (21.8, 0), (22.2, 1)):
+        bench.check(clock, **settings)
+        assert len(bench.published) == count, clock
+    assert not bench.refused and bench.plan.start_ns == plan.start_ns
+    assert bench.tracking.flight(START + 22.2).playback.plan is bench.plan
+
+
+def test_a_pause_delays_a_plan_that_waits_and_no_replan_changes_where_it_begins(bench, plan):
+    bench.late = None
+    for clock in np.arange(0.0, 34.0, 0.25):
+        bench.report(clock, min(clock, 15.0) if clock < 25.0 else clock - 10.0)
+        bench.check(clock, replan_period=1.0 if clock > 10.0 else 0.0)
+        if clock == 10.0:
+            bench.tracking.add_plan(replace(plan, start_ns=(START + 20) * 10**9), START + clock)
+        assert bool(bench.published) == (clock > 32.0), clock
+        assert not bench.tracking.status(SETTINGS, START + clock)[0]
+
+
 @pytest.mark.parametrize('left, refusals', [(0.1, 1), (0.3, 0)])
 def test_a_replan_that_comes_too_late_for_its_follower_is_refused(bench, left, refusals):
     bench.solving = 7.0 - left  # It takes effect at 12 s.
@@ -254,6 +282,23 @@ def test_a_promise_that_has_ended_is_told_and_a_replan_comes_before():
             assert problems(bench, clock) == [
                 f'the promise of plan {plan.identity} ended at 10.0 s: the receivers that move '
                 'are predicted no further; plan again']
+
+
+def test_a_promise_that_an_early_flight_ended_is_not_told_as_one_of_short_predictions():
+    """Before, the flight that was on time again had it that receivers are predicted no further."""
+    track = tuple((time, *car_at(time), 5.0) for time in (0.0, 200.0))
+    bench = Bench(replace(
+        fly_hover_fly(replace(Scenario.paper(120.0, slots=40), eavesdroppers=(
+            Eavesdropper(car_at(0.0), 5.0, track=track),))),
+        start_ns=START * 10**9, promised_until=120.0))
+    for clock, late, reason in (
+            (30.0, -1.0, 'the flight is 1.0 s earlier than the receivers that move are predicted '
+             'for'), (40.0, 0.0, 'the flight was early or late, or the clock jumped')):
+        bench.report(clock, clock - late)
+        bench.tracking.check_promise(START + clock)
+        problem, = bench.tracking.status(SETTINGS, START + clock)[0]
+        assert problem == (f'the promise of plan {bench.plan.identity} ended at 27.0 s: {reason}; '
+                           'plan again')
 
 
 def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(bench):

@@ -88,6 +88,20 @@ def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client,
     assert f'goes on from plan {plan.identity}, which is flying' in answer.result().message
 
 
+def test_a_request_that_waits_for_the_follower_can_be_cancelled(client, file, monkeypatch):
+    """Before, the planner knew of no solve, and planned later."""
+    monkeypatch.setattr('secure_uav_planner.ros.planner.node._DISCOVERY', 1e6)
+    PLAN.save(file)
+    with node_here('planner', plan_file=file):
+        answer = client.ask('planner/plan')
+        wait_for(lambda: client.call('planner/cancel').success, what='a request')
+        wait_for(answer.done)
+        assert not answer.result().success
+        assert answer.result().message == 'cancelled; the last plan stands'
+        wait_for(lambda: client.status.outcome.code == 'cancelled')
+        assert client.call('planner/cancel').message == 'no solve is under way'
+
+
 def set_field(field, value):
     """Return a function that sets a field in the text of a file."""
     return lambda text: json.dumps({**json.loads(text), field: value})

@@ -15,6 +15,7 @@ import pytest
 from ros_client import odometry_message, pose_message, SETTINGS, settings_with, stamp_at
 from ros_nodes import has_said, node_here, node_process, PATIENCE, wait_for
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
+from secure_uav_planner.errors import PoseStaleError
 from secure_uav_planner.mission.tracks import interpolate
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.flight import Flight
@@ -25,7 +26,7 @@ from secure_uav_planner.ros.planner.receivers import predict_receivers
 from secure_uav_planner.ros.planner.replan import Remainder
 from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.solver import Job
-from simulation import Simulation
+from simulation import SimulatedTime, Simulation
 
 NOISE = 5.0  # m along each axis, of measurements
 PERIOD = 0.5  # s apart.
@@ -135,6 +136,18 @@ def test_a_plan_without_a_delay_is_dated_with_the_receivers_at_its_start():
         assert centres[0] == pytest.approx(car_at(begin + time), abs=1e-3)
 
 
+def test_receivers_are_not_predicted_again_from_poses_that_are_too_old_by_then():
+    """Before, the answer was that the position of a receiver is None."""
+    book, settings = book_with(car_odometry(NOW), prediction_horizon=1.0, pose_timeout=10.0)
+    start = StartTime.from_settings(settings, round(NOW * 1e9), None)
+    request = make_request(settings, book, start, [None, None], None)
+    plan = request.date(fly_hover_fly(request.scenario), round((NOW + 9.0) * 1e9))
+    assert request.is_outlasted_by(plan)
+    assert request.predict_again(plan, book, round((NOW + 9.0) * 1e9)).solved
+    with pytest.raises(PoseStaleError, match='the pose on .*eavesdropper/odom is 11.0 s old'):
+        request.predict_again(plan, book, round((NOW + 11.0) * 1e9))
+
+
 def test_a_track_of_the_mission_file_keeps_the_time_of_a_plan_that_is_dated_later():
     track, book = ((0.0, 200.0, -300.0, 5.0), (120.0, 200.0, 300.0, 5.0)), PoseBook()
     settings = settings_with(start_delay=0.0, tracks={'eavesdropper': track})
@@ -227,6 +240,34 @@ def test_a_jump_of_the_clock_ends_the_promise_of_a_plan_that_waits(client, tmp_p
             wait_for(lambda: not Plan.load(file).promised_slots.any(), what='the file')
             wait_for(lambda: client.call('planner/plan').success, what='a plan after the jump')
             assert client.status.plan.promised_slots == 120
+
+
+@pytest.mark.parametrize('change, start_delay, velocity', [
+    (900.0, 0.0, (0.0, 1.0)), (-900.0, 10.0, (0.0, 0.0))], ids=['predicted', 'delayed'])
+def test_a_plan_for_the_clock_before_a_jump_in_its_solve_is_refused_for_that(
+        client, monkeypatch, change, start_delay, velocity):
+    """Before, the one had no place of a receiver, and the other began 910 s ahead."""
+    solve, clocks = Job.solve, client.listen(DiagnosticArray, '/diagnostics', 10)
+
+    def solve_in_a_jump(job, *arguments):
+        plan, target = solve(job, *arguments), clock.now + change
+        clock.jump(target)
+        wait_for(lambda: abs(clocks[-1].header.stamp.sec - target) < 300.0, what='the jump')
+        return plan
+
+    monkeypatch.setattr(Job, 'solve', solve_in_a_jump)
+    with node_here('planner', use_sim_time=True, duration=120.0, slots=20, pose_timeout=60.0,
+                   start_delay=start_delay), SimulatedTime(client, 1000.0, 1.0) as clock:
+        cars = client.publisher(Odometry, 'eavesdropper/odom')
+
+        def is_told():
+            cars.publish(odometry_message(200.0, 0.0, velocity, stamp=clock.stamp()))
+            client.send_pose('ground_node/pose', 0, 0, stamp=clock.stamp(), until_known=False)
+            answer = client.call('planner/plan')
+            assert not answer.success and 'position is None' not in answer.message
+            return 'the clock jumped while the plan was made; ask again' in answer.message
+        wait_for(lambda: clocks and clocks[-1].header.stamp.sec >= 1000, what='the clock')
+        wait_for(is_told)
 
 
 def test_receivers_are_predicted_again_where_the_solve_outlasts_their_prediction(

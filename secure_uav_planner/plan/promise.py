@@ -117,4 +117,4 @@ class Promise:
             return 'no slot is promised: the promise ended before slot 1; plan again'
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (
             '' if self.mask[-1] or until is None else
-            f', until {until:.1f} s as far as receivers are predicted')
+            f', until {until:.1f} s')

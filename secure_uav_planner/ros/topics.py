@@ -84,7 +84,7 @@ TOPICS = {
                             'the share of every slot for each ground node'),
         '~/markers': Topic(MarkerArray, LATCHED, 'the plan for RViz and Foxglove'),
         '~/status': Topic(DiagnosticStatus, LATCHED,
-                          'state, rates and ages; also while solving'),
+                          'state, rates and ages, once a second and while solving'),
         '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same once a second')},
     ('replay', 'sub'): {
         'plan': Topic(String, LATCHED, 'what to replay, unless `plan_file` is set'),

@@ -37,7 +37,7 @@ from ..settings import Settings
 from ..topics import is_simulated, publishers, serve, subscribe, TOPICS
 from ...bound import explain_refusal
 from ...errors import (
-    brief, BusyError, describe_error, LateError, PlanningError, PoseError)
+    brief, BusyError, describe_error, LateError, PlanningError, PoseError, StoppedError)
 from ...optimize.initial import is_similar
 from ...plan.flight import Flight
 from ...plan.plan import Plan
@@ -202,9 +202,9 @@ class Planner(WorkingNode):
             self._tracking.check_steady(now)
             self._tracking.check_known(now)
             flight = self._flight(now)
-            start = StartTime.from_settings(settings, now_ns, flight)
-            limit = start.time_limit(settings.time_limit or None,
-                                     self._tracking.until_superseded(flight, now))
+            start = StartTime.from_settings(
+                settings, now_ns, flight, self._tracking.until_superseded(flight, now))
+            limit = start.time_limit(settings.time_limit or None)
             request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
@@ -225,13 +225,15 @@ class Planner(WorkingNode):
         """Publish the plan of a request, or refuse it, and answer its call."""
         try:
             plan, outgoing = result()
-            if request.is_outlasted_by(plan):  # Predict the receivers again, and answer later.
-                self._solve(request.predict_again(plan, self._poses, self._now_ns()))
-                return
             now_ns = self._now_ns()
             now = now_ns * 1e-9
-            if self._call.has_jumped and plan.promised_until is not None:
+            # Predictions, and a point 0 by start_delay, are for the clock before the jump.
+            if self._call.has_jumped and (
+                    plan.promised_until is not None or request.start.delay):
                 raise LateError('the clock jumped while the plan was made; ask again')
+            if request.is_outlasted_by(plan):  # Predict the receivers again, and answer later.
+                self._solve(request.predict_again(plan, self._poses, now_ns))
+                return
             request.start.check_in_time(now_ns)
             self._tracking.check_steady(now)
             request.check_flight(self._flight(now), now)
@@ -270,9 +272,11 @@ class Planner(WorkingNode):
         return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
-        if self._solver.cancel():
-            return True, 'cancelling'
-        return False, 'no solve is under way'
+        if self._call.state == 'waits':
+            self._call.reply(False, self._refuse(StoppedError('cancelled')))
+        elif not self._solver.cancel():
+            return False, 'no solve is under way'
+        return True, 'cancelling'
 
     def _refuse(self, error: Exception, is_replan: bool = False) -> str:
         """Note, log and return the reason why there is no new plan."""
@@ -304,7 +308,7 @@ class Planner(WorkingNode):
         if self._solver.is_solving or self._state.plan is None or self.is_closed:
             return
         try:
-            rule = self._replanning.find_rule(self._state.plan, settings, now)
+            rule = self._replanning.find_rule(settings, now)
             if rule is None and self._replanning.is_settled(settings, now):
                 self._state.forget_replan()
             remainder = rule and self._replanning.take_remainder(rule, settings, now)
@@ -430,10 +434,9 @@ class Planner(WorkingNode):
         self._outputs['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        """Publish the status on /diagnostics and, once a flight is reported, on ~/status."""
-        now, status = self._now(), self._status_message()
-        if self._tracking.flight(now) is not None:
-            self._outputs['~/status'].publish(status)
+        """Publish the status on ~/status and /diagnostics."""
+        status = self._status_message()
+        self._outputs['~/status'].publish(status)
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._outputs['/diagnostics'].publish(message)

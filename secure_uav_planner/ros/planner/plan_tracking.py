@@ -12,6 +12,7 @@ import numpy as np
 from sensor_msgs.msg import TimeReference
 
 from .poses import PoseBook
+from .receivers import SHORTEST_TRACK
 from .settings import PlannerSettings
 from ..messages import nanoseconds, read_plan_time
 from ..planner_status import TrackStatus
@@ -46,6 +47,8 @@ class PlanTracking:
         self._poses, self.relays = poses, RelayReports()
         self._plans: dict[str, Playback] = {}  # The last plans by identity.
         self._published_ns = 0  # Time of the newest plan's publication [ns].
+        # Time [s] of the plan in flight at which the newest plan is to replace it.
+        self._takeover = -math.inf
         self._achieved = AchievedRates()
         self._watches = defaultdict[str, Watch](Watch)  # Recent motion of each UAV.
         self.forget_reports()
@@ -59,13 +62,16 @@ class PlanTracking:
 
     def add_plan(self, plan: Plan, now: float) -> None:
         """Track a plan published at `now` [s] as the newest one; drop all but the last few."""
+        playback, flight = Playback(plan), self.flight(now)
+        self._takeover = -math.inf if flight is None else flight.time + flight.time_scale * max(
+            0.0, (playback.begin_ns or 0) * 1e-9 - now)
         # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
         # A plan that is published again moves to the end of the dict.
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for identity in {*self._plans} - kept:
             del self._plans[identity]
-        self._plans[plan.identity] = Playback(plan)
+        self._plans[plan.identity] = playback
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
@@ -127,11 +133,10 @@ class PlanTracking:
         if reports is None or reports.identity not in self._plans:
             return None
         reported = self._plans[reports.identity]
-        newest = next(reversed(self._plans.values()))
-        is_newest = newest.plan.start_ns == reported.plan.start_ns and (
+        is_newest = self._newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
         time, time_scale = reports.at(now_ns, start_of(reported.plan))
-        return Flight(newest if is_newest else reported, time, time_scale,
+        return Flight(self._newest if is_newest else reported, time, time_scale,
                       reports.is_current(now_ns))
 
     # The promise
@@ -190,10 +195,13 @@ class PlanTracking:
             return []
         if end <= flight.time:
             late = self._lateness(flight)
-            reason = ('the receivers that move are predicted no further'
-                      if abs(late) <= PUNCTUAL else
-                      f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
-                      'the receivers that move are predicted for')
+            if abs(late) > PUNCTUAL:
+                reason = (f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} '
+                          'than the receivers that move are predicted for')
+            elif _predictions_end(plan) > end + SHORTEST_TRACK:
+                reason = 'the flight was early or late, or the clock jumped'
+            else:
+                reason = 'the receivers that move are predicted no further'
             return [f'the promise of plan {plan.identity} ended at {end:.1f} s: {reason}; '
                     'plan again']
         return [f'the promise ended at {end:.1f} s; the next begins at {begin:.1f} s'
@@ -224,34 +232,71 @@ class PlanTracking:
             0 <= now - unknown.last_ns * 1e-9 <= SILENCE) else None
 
     def check_known(self, now: float) -> None:
-        """Raise a SupersededError while a plan unknown here is flown; a held one is no error."""
+        """
+        Raise an error while a plan unknown here is flown; a held one is no error.
+
+        :raises LateError: if the newest plan, which the follower may adopt, has not begun.
+        :raises SupersededError: otherwise.
+        """
         unknown = self._unknown
         _, time_scale = unknown.at(round(now * 1e9), 0) if unknown else (0.0, 0.0)
-        if unknown and self.unknown_plan(now) and time_scale > 0:
-            raise SupersededError(
-                f'a follower flies plan {unknown.identity}, which this planner does not '
-                'have; end that flight first, as by ~/pause and ~/reset of the replay')
+        if not (unknown and self.unknown_plan(now) and time_scale > 0):
+            return
+        text = f'a follower flies plan {unknown.identity}, which this planner does not have; '
+        if takeover := self._describe_takeover(now):
+            raise LateError(f'{text}{takeover}; ask again when it is flown')
+        raise SupersededError(
+            f'{text}end that flight first, as by ~/pause and ~/reset of the replay')
+
+    def _describe_takeover(self, now: float) -> str:
+        """Say when the newest plan takes effect; empty if it was due over ADOPTION_GRACE ago."""
+        ahead = (self._newest.begin_ns or 0) * 1e-9 - now if self._plans else -math.inf
+        return '' if ahead < -ADOPTION_GRACE else (
+            f'plan {self._newest.plan.identity} takes effect in {max(0.0, ahead):.1f} s')
 
     def until_superseded(self, flight: Flight | None, now: float) -> float:
         """
         Return the time [s] until the newest plan replaces the plan in flight, or infinity.
 
-        It is infinite if no plan is flying, if the newest plan has the start time of the plan in
-        flight, or if the newest plan was due more than ADOPTION_GRACE ago.
+        It is infinite if no plan is flying, or if the flight does not await the newest plan.
 
         :raises LateError: if less than _LEAST_AHEAD [s] is left.
         """
-        newest = next(reversed(self._plans.values()), None)
-        if newest is None or flight is None or flight.state != 'flying' or (
-                newest.plan.start_ns == flight.playback.plan.start_ns):
+        if flight is None or flight.state != 'flying' or not self.awaits_newest(flight, now):
             return math.inf
-        ahead = start_of(newest.plan) * 1e-9 + newest.begin - now
-        if ahead < -ADOPTION_GRACE:
-            return math.inf  # The follower has not adopted it.
+        ahead = max(0.0, -self._lateness_of_newest(flight, now))
         if ahead < _LEAST_AHEAD:
-            raise LateError(f'plan {newest.plan.identity} takes effect in {max(0.0, ahead):.1f} '
-                            's; ask again when it is flown')
+            raise LateError(f'plan {self._newest.plan.identity} takes effect in {ahead:.1f} s; '
+                            'ask again when it is flown')
         return ahead
+
+    @property
+    def _newest(self) -> Playback:
+        """Return the newest plan, once there is one."""
+        return next(reversed(self._plans.values()))
+
+    def awaits_newest(self, flight: Flight, now: float) -> bool:
+        """
+        Return True if the newest plan, with another start time, is to replace the plan in flight.
+
+        It is False if the newest plan was due more than ADOPTION_GRACE ago, since the follower has
+        then refused it.
+        """
+        return self._newest.plan.start_ns != flight.playback.plan.start_ns and (
+            self._lateness_of_newest(flight, now) <= ADOPTION_GRACE)
+
+    def _lateness_of_newest(self, flight: Flight, now: float) -> float:
+        """
+        Return how long ago [s] the newest plan was due to be flown; negative before that.
+
+        A flight that is paused or slower before the newest plan begins delays it as much.
+        """
+        late = flight.time - self._takeover  # In time of the plan in flight [s].
+        if flight.time_scale:
+            late /= flight.time_scale
+        elif late >= -_ROUNDING:
+            late = math.inf  # Held when the newest plan was already due.
+        return min(now - (self._newest.begin_ns or 0) * 1e-9, late)
 
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:
@@ -391,10 +436,10 @@ class PlanTracking:
         if flight.state != 'waiting':
             problems += self._distance_problems(flight, distances, settings)
         rates = self._achieved.rates or (math.nan, math.nan)
-        late = now - start_of(newest.plan) * 1e-9 - newest.begin
-        if newest is not flight.playback and late > ADOPTION_GRACE:
-            problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
-                            f'adopted it and flies {flight.playback.plan.identity}')
+        if self._newest is not flight.playback and (
+                self._lateness_of_newest(flight, now) > ADOPTION_GRACE):
+            problems.append(f'plan {self._newest.plan.identity} is not flown: the follower has '
+                            f'not adopted it and flies {flight.playback.plan.identity}')
         return problems, TrackStatus(
             flight.playback.plan.identity, flight.time,
             flight.state if flight.is_reported else f'{flight.state}, silent',
@@ -405,8 +450,10 @@ class PlanTracking:
         """Return what is wrong with the reports on plan_time, in words."""
         problems, unknown = [], self.unknown_plan(now)
         if unknown is not None:
-            problems.append(f'the follower plays plan {unknown}, which this planner does not '
-                            'have: it adopts a new plan only after its ~/pause and ~/reset')
+            problems.append(
+                f'the follower plays plan {unknown}, which this planner does not have: ' + (
+                    self._describe_takeover(now)
+                    or 'it adopts a new plan only after its ~/pause and ~/reset'))
         ignored, time = self._ignored or ('', -math.inf)
         if 0 <= now - time <= SILENCE:
             problems.append(
@@ -431,6 +478,13 @@ def _promise_end(plan: Plan) -> float:
     """Return the end of the promise [s] from point 0; infinite if it lasts to the plan's end."""
     until, last = plan.promised_until, float(plan.times[-1])
     return math.inf if until is None or until >= last - _ROUNDING else until
+
+
+def _predictions_end(plan: Plan) -> float:
+    """Return the time [s] from point 0 at which the first track of a receiver ends."""
+    receivers = *plan.scenario.ground_nodes, *plan.scenario.eavesdroppers
+    return min((receiver.track[-1][0] for receiver in receivers if receiver.track),
+               default=-math.inf)
 
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:

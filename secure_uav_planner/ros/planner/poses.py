@@ -260,9 +260,9 @@ class PoseBook:
             return odometry or pose
         return odometry if pose.time <= odometry.time + _ODOMETRY_LAG else pose
 
-    def check(self, settings: PlannerSettings, now: float) -> None:
+    def check(self, settings: PlannerSettings, now: float, with_uavs: bool = True) -> None:
         """Raise an error with the texts of all problems and the class of the first, if any."""
-        if problems := self.problems(settings, now):
+        if problems := self.problems(settings, now, with_uavs):
             raise type(problems[0])('; '.join(map(str, problems)))
 
     def problems(self, settings: PlannerSettings, now: float, with_uavs: bool = True

@@ -20,7 +20,8 @@ from ...mission.tracks import LEFT_OUT, Track
 from ...plan.splice import move_receivers
 from ...plan.tracking import PlanClock
 
-_SHORTEST_TRACK = 1.0  # Shortest duration of a predicted track [s].
+SHORTEST_TRACK = 1.0
+"""Shortest duration of a predicted track [s], also if predictions end earlier."""
 
 
 class Receivers(NamedTuple):
@@ -123,7 +124,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     Return the track of a receiver from its measurement until a time of the clock [s].
 
     The track has two knots: (time [s] from point 0, x, y, radius [m]). It lasts at least
-    _SHORTEST_TRACK, unless its radius reaches RADIUS.high earlier. It is None for a receiver that
+    SHORTEST_TRACK, unless its radius reaches RADIUS.high earlier. It is None for a receiver that
     stands: one without max_speed and without a velocity that has a covariance.
 
     With a max_speed the receiver may go anywhere from its measured place at max_speed. If its
@@ -140,7 +141,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
         velocity, growth = (0.0, 0.0), speed + growth if speed > max_speed else max_speed
     if not (any(velocity) or growth):
         return None
-    duration, most = max(until - pose.time, _SHORTEST_TRACK), RADIUS.high
+    duration, most = max(until - pose.time, SHORTEST_TRACK), RADIUS.high
     if growth:  # The track ends when its disc has the largest radius that a mission allows.
         duration = min(duration, (most - radius) / growth)
     return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * velocity[0],

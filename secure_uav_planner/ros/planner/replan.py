@@ -153,24 +153,23 @@ class Replanning:
         self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
         self._updated_from = -math.inf  # Plan time [s] from which receivers are updated.
 
-    def find_rule(self, last: Plan, settings: PlannerSettings, now: float) -> Rule | None:
+    def find_rule(self, settings: PlannerSettings, now: float) -> Rule | None:
         """
         Return the first Rule that is due in the flight, or None.
 
-        None is due while the flight is held or changes its speed, before `last` is flown, near the
-        end of the flight, or without a usable pose of a receiver that needs one.
+        None is due while the flight is held or changes its speed, while it awaits the newest plan,
+        near the end of the flight, or without a usable pose of a receiver that needs one.
 
-        :param last: the newest plan, which may start later than the plan in flight.
         :raises PlanningError: if the receivers cannot be predicted.
         """
         flight = self._tracking.flight(now)
         if not settings.has_replans or flight is None or not flight.time_scale or (
                 not self._tracking.is_steady(now)):
             return None
-        plan = flight.playback.plan
-        if plan.start_ns != last.start_ns:
-            return None  # The newest plan has not begun.
-        if self._last_kept_point(flight, settings) >= plan.scenario.slots or (
+        slots = flight.playback.plan.scenario.slots
+        if self._tracking.awaits_newest(flight, now):
+            return None
+        if self._last_kept_point(flight, settings) >= slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
             return None  # The mission ends before the effect, or poses are missing.
         return next((rule for rule in RULES if rule.is_due(self, flight, settings, now)), None)

@@ -65,22 +65,24 @@ class StartTime:
         solved.
     :param lead_in: time [s] from the first setpoint to point 0. With a limit of acceleration it is
         half a slot, because UAVs leave their starts then.
+    :param until: time [s] after the request by which the plan must come in any case.
     """
 
     asked_ns: int
     delay: float
     lead_in: float
+    until: float = math.inf
 
     @classmethod
-    def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None
-                      ) -> 'StartTime':
+    def from_settings(cls, settings: PlannerSettings, now_ns: int, flight: Flight | None,
+                      until: float = math.inf) -> 'StartTime':
         """Return the StartTime by start_delay; while flying, `ahead` is at least replan_lead."""
         is_smooth = any(uav.mission.max_acceleration for uav in settings.uavs.values())
         lead_in = settings.slot_duration / 2 if is_smooth else 0.0
         delay = settings.start_delay
         if flight is not None and flight.state == 'flying':
             delay = max(delay, settings.replan_lead + lead_in)
-        return cls(now_ns, delay, lead_in)
+        return cls(now_ns, delay, lead_in, until)
 
     @property
     def ahead(self) -> float:
@@ -92,7 +94,7 @@ class StartTime:
         """Time of the first setpoint of the plan [ns]."""
         return self.asked_ns + round(self.ahead * 1e9)
 
-    def time_limit(self, limit: float | None, until: float = math.inf) -> float | None:
+    def time_limit(self, limit: float | None) -> float | None:
         """
         Return the time limit of the solve [s]: the lesser of `limit` and the time left.
 
@@ -100,9 +102,8 @@ class StartTime:
         delay, the time to the plan's effect. None is no limit.
 
         :param limit: value of the parameter time_limit [s], or None.
-        :param until: time [s] after the request by which the plan must come in any case.
         """
-        ahead = min(self.ahead if self.delay else math.inf, until)
+        ahead = min(self.ahead if self.delay else math.inf, self.until)
         if math.isinf(ahead):
             return limit
         time_left = ahead - min(_RESERVE_S, ahead / 2)
@@ -119,6 +120,10 @@ class StartTime:
         if not isinstance(error, TimeLimitError) or limit is None or (
                 0 < settings.time_limit <= limit):
             return error
+        if self.until < (self.ahead if self.delay else math.inf):
+            return TimeLimitError(
+                f'an earlier plan takes effect in {self.until:.3g} s, which leaves {limit:.2g} s '
+                'to solve it; ask again when the earlier one is flown')
         return TimeLimitError(
             f'the plan is to take effect in {self.ahead:.3g} s, which leaves {limit:.2g} s to '
             'solve it, too short to find flights that keep the limits; give it a longer '
@@ -211,7 +216,12 @@ class Request:
                        promised_until=until - later)
 
     def predict_again(self, plan: Plan, poses: PoseBook, now_ns: int) -> 'Request':
-        """Return this request, solved by `plan`, with receivers predicted from now_ns on."""
+        """
+        Return this request, solved by `plan`, with receivers predicted from now_ns on.
+
+        :raises PoseError: if a receiver has no usable pose any more.
+        """
+        poses.check(self.settings, now_ns * 1e-9, with_uavs=False)
         clock = PlanClock(0.0, self.start.point_0_ns(now_ns) * 1e-9 + _RELEASE_S)
         receivers = predict_receivers(
             self.settings, poses, now_ns * 1e-9, clock, float(plan.curve.end))
