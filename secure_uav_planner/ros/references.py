@@ -5,6 +5,7 @@ from functools import partial
 import math
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from .messages import check_versions, import_messages
@@ -55,8 +56,10 @@ class LocalFrames:
         callback = partial(self._on_message, name, source.read)
         for topic in topics:
             node.create_subscription(kind, topic, callback, **overridable(SENSOR))
-            # The latched subscription gets a message from before this node's start.
-            node.create_subscription(kind, topic, callback, LATCHED)
+            # The latched subscription gets a message from before this node's start. That it does
+            # not match a publisher that is not latched is no reason for a warning.
+            node.create_subscription(kind, topic, callback, LATCHED, event_callbacks=(
+                SubscriptionEventCallbacks(use_default_callbacks=False)))
 
     def to_local(self, name: str, place: Vector) -> Vector:
         """

@@ -190,8 +190,9 @@ class Relay(WorkingNode):
         for name, guard in self._guard_by_uav.items():
             if guard.has_ended(now, self._limits(name)):
                 self._loggers[name].warning(
-                    f'no fresh setpoint of {name} has come for {self._settings.setpoint_timeout:g} '
-                    's; nothing more is sent, so that its autopilot notices')
+                    f'no fresh setpoint of {name} has come for '
+                    f'{self._settings.setpoint_timeout:g} s; nothing more is sent, so that its '
+                    'autopilot notices')
             elif (held := guard.hold(now)) is not None:
                 self._loggers[name].warning(
                     f'no setpoint of {name} can be relayed now; its last place is held',

@@ -198,7 +198,7 @@ class Replay(WorkingNode):
             is_late = not self._settings.plan_file and (
                 self.get_clock().now().nanoseconds - (plan.start_ns or 0) > _LATE * 1e9)
             if autostarts and not is_late:
-                self._start()
+                self.get_logger().info(self._start())
             elif autostarts:
                 self.get_logger().warning(f'plan {plan.identity} is not started: its time has '
                                           'passed; ~/start plays it')
