@@ -52,8 +52,8 @@ def explain_silence(scenario: Scenario, bits: float | None = None, slots: int | 
     the disc of an eavesdropper that receives no worse covers a ground node, or a ground node that
     is not trusted is always where another one is.
 
-    :param bits: delivery [bit/Hz] that is asked for, by default that of LEAST_RATE. A ground node
-        whose head start over weight is above it needs nothing, and is left out.
+    :param bits: delivery [bit/Hz] that is asked for, by default LEAST_RATE times the duration. A
+        ground node whose head start over weight is above it needs nothing, and is left out.
     :param slots: number of slots that are looked at, from slot 1 on. By default it is the number
         of slots of the scenario; a larger number looks at later slots of the same length, too.
     """

@@ -41,9 +41,9 @@ def load_plan(file: str, settings: PlannerSettings) -> Plan | None:
     """
     Return the plan in a file, or None if the file does not exist.
 
-    :raises PlanFileError: if the plan has no start time, or if its UAVs, ground nodes and
-        eavesdroppers, in this order, or its frame are not those of the settings; also as Plan.load
-        does. A plan that Plan.save wrote has no frame.
+    :raises PlanFileError: as by Plan.load; if the plan has no start time; or if its UAVs, ground
+        nodes and eavesdroppers, in this order, or its frame differ from the settings. A plan that
+        Plan.save wrote has no frame.
     """
     if not Path(file).exists():
         return None

@@ -291,7 +291,7 @@ class PlanTracking:
 
         A flight that is paused or slower before the newest plan begins delays it as much.
         """
-        late = flight.time - self._takeover  # In time of the plan in flight [s].
+        late = flight.time - self._takeover  # Lateness in the plan's time [s].
         if flight.time_scale:
             late /= flight.time_scale
         elif late >= -_ROUNDING:

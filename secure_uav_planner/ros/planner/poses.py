@@ -102,7 +102,7 @@ class PoseBook:
         self._refusals: dict[str, PoseError] = {}  # Last refusal of each topic since a valid pose.
         # Times [s] and positions [m] of the last second by topic, which give a velocity.
         self._recent: dict[str, list[tuple[float, Point]]] = {}
-        self._discs: dict[str, _Disc] = {}  # By the name of the eavesdropper.
+        self._discs: dict[str, _Disc] = {}  # Discs by the name of the eavesdropper.
         self._latest = -math.inf  # Latest time of the clock [s].
         self._was_set_back = False  # Whether the clock has ever jumped back.
         self._valid_from = -math.inf  # Poses measured before this time [s] are not used.
@@ -209,7 +209,7 @@ class PoseBook:
 
     @property
     def left_discs(self) -> list[str]:
-        """Warnings of the eavesdroppers that have left the disc that the last plan has of them."""
+        """Warnings of the eavesdroppers that have left their discs in the last plan."""
         return [disc.warning for disc in self._discs.values() if disc.warning]
 
     def _note_motion(self, topic: str, name: str, settings: PlannerSettings, now: float) -> str:

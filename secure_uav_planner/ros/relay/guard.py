@@ -133,9 +133,9 @@ class Guard:
 
         It must be fresh, keep the limits of motion, and be no jump from the last one of the
         stream. Its stamp may be older than the last one's only while a clock that was set back
-        repeats times; no time counts as passed between the two. With a start_tolerance, a setpoint
-        near the vehicle may jump; the first setpoint of a stream, or after a change of the frame,
-        must be near the vehicle.
+        repeats times. No time counts as passed between these two. With a start_tolerance, a
+        setpoint near the vehicle may jump, and the first setpoint of a stream, or after a change
+        of the frame, must be near the vehicle.
         """
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
