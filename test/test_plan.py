@@ -340,10 +340,10 @@ def test_a_tail_of_another_team_is_refused(plan):
                                        positions=tail.positions[:1], powers=tail.powers[:1]))
 
 
-def test_a_tail_after_the_end_of_a_promise_does_not_ask_to_raise_the_horizon(plan):
-    assert 'raise' in replace(plan, promised_until=0.5).promise.text
-    ended = cut_tail(replace(plan, promised_until=20.0), 50)
-    for never in (ended, replace(plan, gaps=((0.0, 500.0),))):
+def test_a_plan_without_a_promised_slot_says_why_and_to_plan_again(plan):
+    tail = cut_tail(replace(plan, promised_until=20.0), 50)
+    assert 'until -30.0 s and slot 1 begins at 1.0 s; plan again or raise' in tail.promise.text
+    for never in (replace(plan, promised_until=0.0), replace(plan, gaps=((0.0, 500.0),))):
         assert never.promise.text.endswith('ended before slot 1; plan again')
 
 
@@ -367,7 +367,8 @@ def test_a_plan_without_a_promised_slot_has_no_mean_rate(plan, tmp_path):
     plan = replace(plan, promised_until=0.6)
     assert math.isnan(plan.promise.guaranteed_rate) and math.isnan(plan.promise.node_rates[0])
     assert plan.promise.text == ('no slot is promised: receivers are predicted until 0.6 s and '
-                                 'slot 1 begins at 1.0 s; raise prediction_horizon')
+                                 'slot 1 begins at 1.0 s; plan again or raise '
+                                 'prediction_horizon')
     plan.save(tmp_path / 'plan.json')
     assert json.loads((tmp_path / 'plan.json').read_text())['worst_case_rate'] is None
     assert Plan.load(tmp_path / 'plan.json') == plan

@@ -110,9 +110,9 @@ class Promise:
         if not self.is_partial:
             return ''
         until, step = plan.promised_until, plan.scenario.slot_duration
-        if not self.slots and until is not None and 0.0 < until < step:
+        if not self.slots and until and until < step:  # Below 0 in a tail, or by a short horizon.
             return (f'no slot is promised: receivers are predicted until {until:.1f} s and '
-                    f'slot 1 begins at {step:.1f} s; raise prediction_horizon')
+                    f'slot 1 begins at {step:.1f} s; plan again or raise prediction_horizon')
         if not self.slots:
             return 'no slot is promised: the promise ended before slot 1; plan again'
         return f'{self.slots} of {plan.scenario.slots} slots promised' + (

@@ -92,6 +92,7 @@ class FlownFlight:
         :param plan: the plan in force at these times.
         """
         times, log = checked_array('times', times, (None,)), next(iter(self.logs.values()))
+        checked_kind('plan', plan, Plan)
         if self.time_from != 'plan_time' or log.plan_times is None:
             return times
         clock, flown = log.plan_times

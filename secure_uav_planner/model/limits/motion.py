@@ -21,6 +21,7 @@ from ...mission.scenario import Array, POSITION_TOLERANCE
 from ...mission.validation import round_down
 
 
+_LEAST_TOLERANCE = 1e-9  # Tolerance of the shortest differences [m].
 _ROUNDING = 1e-15  # Rounding error of differences of points, as a share of coordinates.
 
 
@@ -77,7 +78,9 @@ class NormLimit(Limit):
         lengths = self._lengths(positions)
         rounding = _ROUNDING * np.abs(positions).max()
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
-            if length.max() > most + max(min(POSITION_TOLERANCE, 1e-3 * most), rounding):
+            # In slots of milliseconds, POSITION_TOLERANCE would be a multiple of a limit.
+            tolerance = max(min(POSITION_TOLERANCE, 1e-3 * most), _LEAST_TOLERANCE, rounding)
+            if length.max() > most + tolerance:
                 raise PlanError(self._describe_excess(
                     uav, int(length.argmax()), float(length.max())))
 
