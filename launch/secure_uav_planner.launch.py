@@ -71,7 +71,7 @@ def node(executable: str, context: LaunchContext, parameters: dict | None = None
     """Return one node of this package, with the parameters of the file and others beside them."""
     mission, file = (LaunchConfiguration(name).perform(context)
                      for name in ('mission_file', 'params_file'))
-    # The arguments are last, and only last: ROS lets the name that comes first lose.
+    # The arguments are in one mapping after the file: of two settings, the later one counts.
     arguments = {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}
     if mission:
         arguments['mission_file'] = mission

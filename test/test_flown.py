@@ -353,6 +353,22 @@ def test_of_several_teams_in_a_bag_the_one_that_flies_the_plan_counts(
     assert among.to_dict() == alone.to_dict() and not among.broken.any()
 
 
+def test_a_copy_of_a_plan_in_another_namespace_is_no_other_team(plan, flight, tmp_path):
+    write_bag(flight, tmp_path / 'alone', late=DELAY)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with AnyReader([tmp_path / 'alone'], default_typestore=STORE) as reader:
+            topics = {name: writer.add_connection(name, item.msgtype, typestore=STORE)
+                      for item in reader.connections
+                      for name in (item.topic, *(['/gcs/plan'] if item.topic == '/plan' else []))}
+            for item, stamp, data in reader.messages():
+                if item.topic == '/plan':
+                    writer.write(topics['/gcs/plan'], stamp - 10**6, data)
+                writer.write(topics[item.topic], stamp, data)
+    alone, copied = (compare(plan, read_flight(tmp_path / bag, plan)).to_dict()
+                     for bag in ('alone', 'bag'))
+    assert copied == alone and alone['time_from'] == 'plan_time'
+
+
 def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):
     flight = fly(plan, 0.0, 0.0)
     write_csv(flight, tmp_path / 'whole.csv', START_NS * 1e-9)

@@ -11,7 +11,7 @@ import pytest
 from ros_client import seconds
 from ros_nodes import wait_for
 from secure_uav_planner import (
-    Eavesdropper, GroundNode, NoFlyZone, Plan, Scenario, shortest_duration, solve)
+    Eavesdropper, GroundNode, NoFlyZone, Plan, Scenario, shortest_duration, solve, Uav)
 from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.plan.splice import cut_tail
@@ -99,7 +99,7 @@ def test_the_duration_where_the_search_begins_may_be_too_long_for_the_battery():
     scenario = Scenario.paper(400.0, slots=100)
     scenario = replace(scenario, uavs=tuple(
         replace(uav, max_acceleration=3.0, max_energy=22e3) for uav in scenario.uavs))
-    plan = shortest_duration(scenario, 100.0, time_limit=60.0)
+    plan = shortest_duration(scenario, 100.0)
     assert plan.rate * plan.scenario.duration >= 100.0 and plan.scenario.duration < 130.0
     starving = with_uavs(scenario, max_energy=10.0)
     with pytest.raises(InfeasibleMissionError):
@@ -109,6 +109,22 @@ def test_the_duration_where_the_search_begins_may_be_too_long_for_the_battery():
     plan = shortest_duration(replace(racing, duration=29.0, slots=29), 60.0,
                              objective='guaranteed')
     assert 38.0 < plan.scenario.duration < 41.0
+
+
+def test_a_way_around_a_wall_takes_more_energy_in_less_time():
+    wall = NoFlyZone(((-900.0, -20.0), (900.0, -20.0), (900.0, 20.0), (-900.0, 20.0)))
+    scenario = with_uavs(replace(Scenario.paper(120.0, slots=16), no_fly_zones=(wall,)),
+                         max_speed=40.0, max_acceleration=10.0, max_energy=25e3)
+    plan = shortest_duration(replace(scenario, duration=65.0), 10.0, objective='guaranteed')
+    assert plan.scenario.duration > 65.0
+
+
+def test_a_tail_in_motion_that_no_battery_lasts_for_is_refused():
+    uavs = [Uav(f'uav{x}', (x, 0.0), (x, 0.0), 100.0, 10.0, start_velocity=(1.0, 0.0),
+                max_acceleration=3.0, max_energy=500.0) for x in (0.0, 50.0)]
+    scenario = Scenario((0.0, 90.0), (Eavesdropper((200.0, 0.0)),), uavs, 100.0, 10)
+    with pytest.raises(InfeasibleMissionError):
+        shortest_duration(scenario, 1.0)
 
 
 @pytest.mark.parametrize('fields', [

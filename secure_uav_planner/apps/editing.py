@@ -173,6 +173,8 @@ def remove_member(mission: Mission, number: int) -> Mission:
     removes = list_handles(mission)[number].removes
     if removes[:1] == ('ground_nodes',) and len(removes) == 2 and mission.get('head_starts'):
         mission = replace_value(mission, ('head_starts', removes[1]), lambda _: None)
+        if len(mission['head_starts']) == 1:  # A single ground node has none.
+            mission['head_starts'] = []
     return replace_value(mission, removes, lambda _: None) if removes else mission
 
 

@@ -11,10 +11,11 @@ from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
 from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
-from ..mission.participants import Uav
+from ..mission.participants import Propulsion
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.channel.links import make_link
+from ..model.problem import Problem
 from ..optimize import solve
 from ..optimize.deadline import Deadline, OnIteration, run_to_end
 from ..optimize.methods import check_objective
@@ -71,16 +72,16 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 def find_longest_duration(scenario: Scenario) -> float:
     """Return the longest duration [s] that slots of this length and the batteries allow."""
-    batteries = [uav.max_energy / _find_least_power(uav) for uav in scenario.uavs
-                 if uav.max_energy is not None]
+    batteries = [uav.max_energy / find_least_power(uav.propulsion) for uav in scenario.uavs
+                 if uav.max_energy is not None and uav.propulsion is not None]
     return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration,
                *batteries)
 
 
-def _find_least_power(uav: Uav) -> float:
-    """Return a power of propulsion [W] that a UAV needs at any speed, to 0.1%."""
-    assert uav.propulsion is not None
-    return 0.999 * float(uav.propulsion.power(np.linspace(0.0, uav.max_speed, 1000)).min())
+def find_least_power(propulsion: Propulsion) -> float:
+    """Return a power [W] that a propulsion needs at any speed, by speeds up to 1000 km/s."""
+    speeds = np.append(0.0, np.geomspace(1e-3, 1e6, 20000))  # In steps of 0.1%.
+    return 0.999 * float(propulsion.power(speeds).min())
 
 
 def check_bits(scenario: Scenario, bits: float) -> None:
@@ -94,7 +95,7 @@ def check_bits(scenario: Scenario, bits: float) -> None:
     :raises InfeasibleMissionError: with the place ('bits',).
     """
     longest = find_longest_duration(scenario)
-    slots = round(longest / scenario.slot_duration) if scenario.has_tracks else 1
+    slots = max(1, round(longest / scenario.slot_duration)) if scenario.has_tracks else 1
     if reason := explain_silence(scenario, bits, slots):
         raise InfeasibleMissionError(f'bits is {bits:g} bit/Hz; {reason}', ('bits',))
     gain = make_link(scenario, 'ground_node').gain(np.zeros((len(scenario.uavs), 1)))[0, 0]
@@ -104,7 +105,8 @@ def check_bits(scenario: Scenario, bits: float) -> None:
         raise InfeasibleMissionError(
             f'bits is {bits:g} bit/Hz; the longest flight, {longest:g} s in slots of '
             f'{scenario.slot_duration:g} s, delivers at most {most:.0f} bit/Hz, straight above '
-            'a ground node at peak power; ask for less, or for longer slots', ('bits',))
+            'a ground node at peak power; ask for less, or for ' + (
+                'a larger max_energy' if scenario.limits_energy else 'longer slots'), ('bits',))
 
 
 class _Search:
@@ -175,50 +177,53 @@ class _Search:
         Return a flight that delivers the bits and a shorter duration [s] that does not, or 0.
 
         The third value is what the shorter flight delivers [bit/Hz], or None if it cannot be
-        flown. Durations grow by the factor `growth`. If one is too long, since a shorter one can
-        be flown or takes less energy, the factor becomes its square root. Until one is too short,
-        durations that are too long are halved. If none of these can be flown, longer ones follow.
-        If no duration that is tried delivers the bits, InfeasibleMissionError is raised.
+        flown. Durations are doubled until one is too long, which is one that cannot be flown
+        although a shorter one can or takes less energy, and halved until one is too short. Then
+        the geometric mean of both follows. If no duration that is tried delivers the bits,
+        InfeasibleMissionError is raised.
         """
         longest = find_longest_duration(self._scenario)
-        low, delivered, growth = 0.0, None, _GROWTH
-        duration, is_upward = min(self._scenario.duration, longest), False
+        low, high, delivered = 0.0, math.inf, None
+        duration = min(self._scenario.duration, longest)
         while True:
             plan = self._plan_flight(duration)
             if self.best is not None:
                 return self.best, low, delivered
-            is_too_long = plan is None and (
-                delivered is not None or not is_upward and self._takes_more_energy(duration))
-            if not is_too_long:
-                low, delivered = duration, None if plan is None else _count_bits(plan)
-            elif low:
-                growth = math.sqrt(growth)
-            if growth < _LEAST_GROWTH and self.last is None and not is_upward:
-                # Detours are faster than straight flights: a longer one may take less.
-                low, growth, is_upward = self._scenario.duration, _GROWTH, True
-            if low >= longest or growth < _LEAST_GROWTH:
+            if plan is not None:
+                low, delivered = duration, _count_bits(plan)
+            elif delivered is not None or self._takes_more_energy(duration):
+                high = duration
+            else:
+                low = duration
+            if low >= longest or high <= max(_LEAST_GROWTH * low, self._accuracy):
                 if self.last is None:
                     raise self._refusal
                 raise InfeasibleMissionError(
                     f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much',
                     ('bits',))
-            duration = min(growth * low, longest) if low else duration / _GROWTH
+            if math.isinf(high):
+                duration = min(_GROWTH * low, longest)
+            else:
+                duration = math.sqrt(low * high) if low else high / _GROWTH
 
     def _takes_more_energy(self, duration: float) -> bool:
         """
         Return True if a refused duration [s] is beyond a battery, and a shorter one takes less.
 
-        Energies are compared for a straight flight of the refused UAV at constant speed.
+        Energies are compared for flights of the refused UAV at constant speed on its shortest way.
         """
         place = self._refusal.place
         if place[-1:] != ('max_energy',):
             return False
-        uav = self._scenario.uavs[int(place[1])]
-        speed, faster = (math.dist(uav.start, uav.goal) / duration * factor
-                         for factor in (1.0, _LEAST_GROWTH))
+        index = int(place[1])
+        uav = self._scenario.uavs[index]
+        ends = np.array([uav.start, uav.goal])
+        _, [routes] = Problem(self._scenario).find_routes(index, list(ends), 1)
+        way = np.diff(routes[0] if routes else ends, axis=0)
+        speed = float(np.linalg.norm(way, axis=1).sum()) / duration
         assert uav.propulsion is not None
-        power = uav.propulsion.power
-        return float(power(faster)) / _LEAST_GROWTH < float(power(speed))
+        slow, fast = uav.propulsion.power([speed, _LEAST_GROWTH * speed]).tolist()
+        return bool(fast / _LEAST_GROWTH < slow)
 
     def _plan_flight(self, duration: float) -> Plan | None:
         """

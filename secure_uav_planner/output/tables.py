@@ -43,7 +43,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
     if plans[0].promise.is_partial:
-        text += f'\n\nrates of the promised slots: {plans[0].promise.text}'
+        text += f'\n\nrates are those of the promised slots; {plans[0].promise.text}'
     energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:
@@ -91,7 +91,7 @@ def assessment_table(assessment: Any) -> str:
     if not is_promise:
         text += f'\n\nplanned {assessment.plan.scenario.channel.promise}: no promise'
     promise = assessment.plan.promise.text
-    return text + (promise and f'\n\npromised: {promise}')
+    return text + (promise and f'\n\n{promise}')
 
 
 def _name_slots(assessment: Any) -> str:

@@ -53,7 +53,7 @@ def explain_silence(scenario: Scenario, bits: float | None = None, slots: int | 
     is not trusted is always where another one is.
 
     :param bits: delivery [bit/Hz] that is asked for, by default LEAST_RATE times the duration. A
-        ground node whose head start over weight is above it needs nothing, and is left out.
+        ground node whose head start over weight is at least that needs nothing, and is left out.
     :param slots: number of slots that are looked at, from slot 1 on. By default it is the number
         of slots of the scenario; a larger number looks at later slots of the same length, too.
     """
@@ -66,7 +66,7 @@ def explain_silence(scenario: Scenario, bits: float | None = None, slots: int | 
     names = scenario.ground_node_names
     heads = np.array(scenario.head_starts or [0.0] * len(names))
     asked = LEAST_RATE * scenario.duration if bits is None else bits
-    for node in np.flatnonzero(heads <= asked * scenario.node_weights):
+    for node in np.flatnonzero(heads < asked * scenario.node_weights):
         discs = covers[node]
         if discs.any(axis=0).all():
             name = scenario.eavesdropper_names[int(discs.sum(axis=1).argmax())]

@@ -257,16 +257,17 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan
 
 def _find_team(reader: Any, plan: Plan) -> list[str] | None:
     """
-    Return the parts of the namespace that has or flies a plan, of several with such a topic.
+    Return the parts of the namespace that flies a plan, or else of one that publishes it.
 
     None is returned for one team, whose topics may be in several namespaces, and for none.
     """
     identities = {plan.identity, replace(plan, start_ns=plan.start_ns or 0).identity}
-    for role in ('plan_time', 'plan'):
-        topics = [item for item in reader.connections
-                  if item.topic.rpartition('/')[2] == role and item.msgtype == _TYPES[role]]
-        if len({item.topic for item in topics}) < 2:
-            continue
+    by_role = {role: [item for item in reader.connections
+                      if item.topic.rpartition('/')[2] == role and item.msgtype == _TYPES[role]]
+               for role in ('plan_time', 'plan')}
+    if all(len({item.topic for item in topics}) < 2 for topics in by_role.values()):
+        return None
+    for role, topics in by_role.items():
         for connection, _, data in reader.messages(connections=topics):
             message = reader.deserialize(data, connection.msgtype)
             with suppress(PlanFileError):
@@ -283,29 +284,34 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: list[s
     Yield (topic, (role, UAV)) of each topic that is read; '' is the UAV of plan and plan_time.
 
     Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`, and one topic
-    of its power. A single UAV may have an odometry topic without its name. Topics in the namespace
-    of the team, given by its parts, come first. None is one team in any namespaces.
+    of its power. A single UAV may have an odometry topic without its name. Topics in namespaces of
+    other teams are left out; `team` has the parts of the team's, None for one team in any. A plan
+    or plan_time of another namespace counts if the team's has none.
     """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: _split(topic) for topic in kinds}
 
-    def is_foreign(topic: str) -> bool:
-        """Return whether a topic is outside of the team's namespace."""
-        return team is not None and parts[topic][:len(team)] != team
+    roles = {topic: parts[topic][-1] for topic, kind in kinds.items()
+             if parts[topic][-1] in ('plan', 'plan_time') and kind == _TYPES[parts[topic][-1]]}
+    teams = [parts[topic][:-1] for topic in roles]
 
-    topics = sorted(kinds, key=lambda topic: (is_foreign(topic), len(parts[topic]), topic))
+    def is_foreign(topic: str) -> bool:
+        """Return whether a topic lies in the namespace of another team."""
+        owners = [owner for owner in teams if parts[topic][:len(owner)] == owner]
+        return team is not None and bool(owners) and max(owners, key=len) != team
+
+    topics = sorted(kinds, key=lambda topic: (len(parts[topic]), topic))
     for topic in topics:
-        role = parts[topic][-1]
-        if role in ('plan', 'plan_time') and kinds[topic] == _TYPES[role] and (
-                team is None or parts[topic][:-1] == team):
-            yield topic, (role, '')
+        if topic in roles and not (is_foreign(topic) and roles[topic] in (
+                roles[own] for own in roles if parts[own][:-1] == team)):
+            yield topic, (roles[topic], '')
+    topics = [topic for topic in topics if not is_foreign(topic)]
     for uav in uavs:
         odometry = [topic for topic in topics if kinds[topic] == _TYPES['odom']
                     and (uav in parts[topic] or len(uavs) == 1)]
         if odometry:
             yield min(odometry, key=lambda topic: (
-                is_foreign(topic), uav not in parts[topic],
-                parts[topic][-2:] != [uav, 'odom'])), ('odom', uav)
+                uav not in parts[topic], parts[topic][-2:] != [uav, 'odom'])), ('odom', uav)
         powers = [topic for topic in topics if kinds[topic] == _TYPES['power']
                   and parts[topic][-3:] == [uav, 'setpoint', 'power']]
         if powers:

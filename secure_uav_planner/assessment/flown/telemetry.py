@@ -16,29 +16,28 @@ def read_telemetry(path: str | os.PathLike[str]) -> VehicleLog:
     from pymavlink import mavutil  # Here, since few need it.
     check_magic(path, 8, [b'\xfd', b'\xfe'])  # MAVLink 2 and 1, after a time stamp.
     connection = mavutil.mavlogfile(os.fspath(path))
-    states = list[tuple[float, ...]]()
-    # Offsets are kept by sender: ground stations and companion computers tell their own times.
+    # A sender is a system and its component: companion computers tell places and times, too.
+    states = defaultdict[tuple[int, int], list[tuple[float, ...]]](list)
     utc_offsets = defaultdict[tuple[int, int], list[float]](list)
     references = dict[tuple[int, int], tuple[float, float]]()
-    vehicles = set[tuple[int, int]]()
     while (message := connection.recv_match(type=list(_TYPES))) is not None:
         kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         if kind == 'LOCAL_POSITION_NED':
-            vehicles.add(sender)
-            states.append((message.time_boot_ms * 1e-3, message.y, message.x, -message.z,
-                           message.vy, message.vx))
+            states[sender].append((
+                message.time_boot_ms * 1e-3, message.y, message.x, -message.z, message.vy,
+                message.vx))
         elif kind == 'GPS_GLOBAL_ORIGIN':
             references[sender] = message.latitude * 1e-7, message.longitude * 1e-7
         elif message.time_unix_usec:  # SYSTEM_TIME; 0 if UTC is not known.
             utc_offsets[sender].append(
                 message.time_unix_usec * 1e-6 - message.time_boot_ms * 1e-3)
+    systems = sorted({system for system, _ in states})
     if not states:
         raise LogFileError('it has no message LOCAL_POSITION_NED')
-    if len(vehicles) > 1:
-        raise LogFileError('it has the vehicles '
-                           f'{", ".join(f"{system}/{part}" for system, part in sorted(vehicles))} '
-                           '(system/component); it must have one')
-    table, [vehicle] = np.array(states), vehicles
+    if len(systems) > 1:
+        raise LogFileError(f'it has the vehicles {systems}; it must have one')
+    vehicle = min(states)  # The autopilot is component 1.
+    table = np.array(states[vehicle])
     offsets = utc_offsets[vehicle]
     return VehicleLog(table[:, 0], table[:, 1:4], table[:, 4:6],
                       float(np.median(offsets)) if offsets else None, references.get(vehicle))

@@ -20,7 +20,7 @@ from sensor_msgs.msg import TimeReference
 
 from .frames import Frames, Message
 from .plan_file import check_plan_file, load_plan, reserve_plan_file, save_plan
-from .plan_tracking import PlanTracking, start_of
+from .plan_tracking import PlanTracking
 from .poses import PoseBook
 from .replan import Remainder, Replanning
 from .request import (
@@ -197,6 +197,7 @@ class Planner(WorkingNode):
     def _plan(self) -> None:
         """Start the solve of the present call's request, or answer the call with a refusal."""
         began, now_ns = time.monotonic(), self._now_ns()
+        self._call.has_jumped = False  # What matters is a jump from now on.
         settings, now, last = self._settings, now_ns * 1e-9, self._state.plan
         try:
             self._tracking.check_steady(now)
@@ -378,7 +379,7 @@ class Planner(WorkingNode):
             self._outputs[topic].publish(message)
         now = self._now()
         self._tracking.add_plan(plan, now)
-        self._poses.expect(plan.scenario, max(begin, now - start_of(plan) * 1e-9))
+        self._poses.expect(plan.scenario, begin)
         self._replanning.note_plan(now, begin)
         self._publish_status()
 

@@ -63,8 +63,10 @@ class PlanTracking:
     def add_plan(self, plan: Plan, now: float) -> None:
         """Track a plan published at `now` [s] as the newest one; drop all but the last few."""
         playback, flight = Playback(plan), self.flight(now)
-        self._takeover = -math.inf if flight is None else flight.time + flight.time_scale * max(
-            0.0, (playback.begin_ns or 0) * 1e-9 - now)
+        if not self._plans or plan.identity != self._newest.plan.identity:
+            ahead = max(0.0, (playback.begin_ns or 0) * 1e-9 - now)
+            self._takeover = -math.inf if flight is None else (
+                flight.time + flight.time_scale * ahead)
         # The plan that the follower reports and the last _MOST_PLANS - 1 plans are kept.
         reported = self._reports.identity if self._reports else None
         # A plan that is published again moves to the end of the dict.
@@ -294,9 +296,9 @@ class PlanTracking:
         late = flight.time - self._takeover  # Lateness in the plan's time [s].
         if flight.time_scale:
             late /= flight.time_scale
-        elif late >= -_ROUNDING:
-            late = math.inf  # Held when the newest plan was already due.
-        return min(now - (self._newest.begin_ns or 0) * 1e-9, late)
+        elif late >= -_ROUNDING or flight.state == 'ended':
+            late = math.inf  # Held or at the end when the newest plan was already due.
+        return late if math.isfinite(late) else now - (self._newest.begin_ns or 0) * 1e-9
 
     def states(self, flight: Flight | None, settings: PlannerSettings, now: float
                ) -> list[MeasuredState | None]:

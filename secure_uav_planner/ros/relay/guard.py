@@ -98,8 +98,10 @@ class Guard:
         if self._last is not None:
             self._last = replace(self._last, position=convert(self._last.position))
 
-    def note_arrival(self, now: int) -> None:
-        """Note that a setpoint came that cannot be converted, so that the stream has not ended."""
+    def note_arrival(self, now: int, limits: Limits) -> None:
+        """Note that a setpoint came at a time [ns], which keeps a stream that has not ended."""
+        if self.state(now, limits) is StreamState.ENDED:
+            self.forget_stream()
         self._last_arrived = now
 
     def note_refusal(self, reason: str, now: int) -> None:
@@ -141,10 +143,10 @@ class Guard:
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
                               f'and setpoint_timeout is {limits.timeout:g} s')
+        self.note_arrival(now, limits)
         state = self.state(now, limits)
-        self._last_arrived = now
         _check_motion(setpoint, limits)
-        is_first = state in (StreamState.NONE, StreamState.ENDED)
+        is_first = state is StreamState.NONE
         must_begin = is_first or state is StreamState.NEW
         self._latest = now if is_first else max(self._latest, now)
         problem = '' if is_first else _explain_jump(

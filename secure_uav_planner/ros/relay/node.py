@@ -174,9 +174,10 @@ class Relay(WorkingNode):
             self._frames.moves.pop(name, None)
         except PlanningError as error:
             age = now - nanoseconds(message.header.stamp)
-            if abs(age) <= self._settings.setpoint_timeout * 1e9:
+            if message.joint_names in ([], [name]) and (
+                    abs(age) <= self._settings.setpoint_timeout * 1e9):
                 # The guard may not have seen the setpoint, because the error came before.
-                self._guard_by_uav[name].note_arrival(now)
+                self._guard_by_uav[name].note_arrival(now, self._limits(name))
             self._guard_by_uav[name].note_refusal(brief(error), now)
             self._loggers[name].warning(
                 f'a setpoint of {name} is not relayed: {brief(error)}',
