@@ -80,7 +80,7 @@ def find_longest_duration(scenario: Scenario) -> float:
 
 def find_least_power(propulsion: Propulsion) -> float:
     """Return a power [W] that a propulsion needs at any speed, by speeds up to 1000 km/s."""
-    speeds = np.append(0.0, np.geomspace(1e-3, 1e6, 20000))  # In steps of 0.1%.
+    speeds = np.append(0.0, np.geomspace(1e-3, 1e6, 20000))  # The steps are 0.1%.
     return 0.999 * float(propulsion.power(speeds).min())
 
 

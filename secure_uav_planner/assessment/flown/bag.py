@@ -257,7 +257,7 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan
 
 def _find_team(reader: Any, plan: Plan) -> list[str] | None:
     """
-    Return the parts of the namespace that flies a plan, or else of one that publishes it.
+    Return the parts of the namespace in which a plan is flown; if in none, where it is published.
 
     None is returned for one team, whose topics may be in several namespaces, and for none.
     """
@@ -268,7 +268,8 @@ def _find_team(reader: Any, plan: Plan) -> list[str] | None:
     if all(len({item.topic for item in topics}) < 2 for topics in by_role.values()):
         return None
     for role, topics in by_role.items():
-        for connection, _, data in reader.messages(connections=topics):
+        # Without connections, the reader would return all messages.
+        for connection, _, data in reader.messages(connections=topics) if topics else ():
             message = reader.deserialize(data, connection.msgtype)
             with suppress(PlanFileError):
                 found = _make_report(message) if role == 'plan_time' else (
@@ -285,27 +286,28 @@ def _choose_topics(connections: Iterable[Any], uavs: Sequence[str], team: list[s
 
     Each UAV has one odometry topic with its name, preferably ending in `<uav>/odom`, and one topic
     of its power. A single UAV may have an odometry topic without its name. Topics in namespaces of
-    other teams are left out; `team` has the parts of the team's, None for one team in any. A plan
-    or plan_time of another namespace counts if the team's has none.
+    other teams are left out. A plan or plan_time elsewhere is read if the team's namespace has no
+    topic of this role.
+
+    :param team: parts of the team's namespace; None for one team, in any namespaces.
     """
     kinds = {item.topic: item.msgtype for item in connections}
     parts = {topic: _split(topic) for topic in kinds}
-
     roles = {topic: parts[topic][-1] for topic, kind in kinds.items()
              if parts[topic][-1] in ('plan', 'plan_time') and kind == _TYPES[parts[topic][-1]]}
-    teams = [parts[topic][:-1] for topic in roles]
+    teams = {topic: parts[topic][:-1] for topic in roles}
+    own_roles = [role for topic, role in roles.items() if teams[topic] == team]
+    for topic, role in roles.items():
+        if teams[topic] == team or role not in own_roles:
+            yield topic, (role, '')
 
     def is_foreign(topic: str) -> bool:
         """Return whether a topic lies in the namespace of another team."""
-        owners = [owner for owner in teams if parts[topic][:len(owner)] == owner]
+        owners = [owner for owner in teams.values() if parts[topic][:len(owner)] == owner]
         return team is not None and bool(owners) and max(owners, key=len) != team
 
-    topics = sorted(kinds, key=lambda topic: (len(parts[topic]), topic))
-    for topic in topics:
-        if topic in roles and not (is_foreign(topic) and roles[topic] in (
-                roles[own] for own in roles if parts[own][:-1] == team)):
-            yield topic, (roles[topic], '')
-    topics = [topic for topic in topics if not is_foreign(topic)]
+    topics = sorted((topic for topic in kinds if not is_foreign(topic)),
+                    key=lambda topic: (len(parts[topic]), topic))
     for uav in uavs:
         odometry = [topic for topic in topics if kinds[topic] == _TYPES['odom']
                     and (uav in parts[topic] or len(uavs) == 1)]

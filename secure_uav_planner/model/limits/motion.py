@@ -78,7 +78,7 @@ class NormLimit(Limit):
         lengths = self._lengths(positions)
         rounding = _ROUNDING * np.abs(positions).max()
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
-            # In slots of milliseconds, POSITION_TOLERANCE would be a multiple of a limit.
+            # POSITION_TOLERANCE is a multiple of a limit of acceleration in slots of milliseconds.
             tolerance = max(min(POSITION_TOLERANCE, 1e-3 * most), _LEAST_TOLERANCE, rounding)
             if length.max() > most + tolerance:
                 raise PlanError(self._describe_excess(

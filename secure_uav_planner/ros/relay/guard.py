@@ -134,7 +134,7 @@ class Guard:
         Keep a setpoint as the last one that has passed, or raise an OptionError with the reason.
 
         It must be fresh, keep the limits of motion, and be no jump from the last one of the
-        stream. Its stamp may be older than the last one's only while a clock that was set back
+        stream. Its stamp may be older than the last one's only while a clock, which jumped back,
         repeats times. No time counts as passed between these two. With a start_tolerance, a
         setpoint near the vehicle may jump, and the first setpoint of a stream, or after a change
         of the frame, must be near the vehicle.
