@@ -348,8 +348,9 @@ class Blocker:
     def find_spec(self, name, *_):
         if name == {name!r}:
             print('loading', flush=True)
-            try:
-                time.sleep({patience})
+            try:  # A signal right before a sleep is answered after it: sleeps are short.
+                for _ in range(round(20 * {patience})):
+                    time.sleep(0.05)
             except BaseException:
                 raise ImportError('an extension turns an interrupt into this')
 sys.meta_path.insert(0, Blocker())
