@@ -35,14 +35,14 @@ def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(dura
     plan = fly_hover_fly(limit_acceleration(Scenario.paper(duration, slots=50), 3.0))
     plan = replace(plan, start_ns=1_795_347_543_727_675_843)
     playback, tracking = Playback(plan), PlanTracking(PoseBook())
-    tracking.add_plan(plan, plan.start_ns * 1e-9)
+    tracking.followed.add_plan(plan, plan.start_ns * 1e-9)
     for moment, expected in ((playback.begin, 'waiting'), (playback.duration, 'ended'),
                              (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
         for after in (0, 40_000_000, 77_777_777):
             clock_ns = plan.start_ns + 200_000_000_000 + after
-            tracking.add_report(messages.plan_time(
+            tracking.followed.add_report(messages.plan_time(
                 plan, moment, RosTime(nanoseconds=clock_ns).to_msg()), clock_ns * 1e-9)
-            assert tracking.flight(clock_ns * 1e-9).state == expected
+            assert tracking.followed.flight(clock_ns * 1e-9).state == expected
 
 
 def take_poses(book, message, now):
@@ -55,7 +55,7 @@ def take_poses(book, message, now):
 
 def request(tracking, book, settings, now):
     """Return the request of a new plan at a time in s."""
-    flight = tracking.flight(now)
+    flight = tracking.followed.flight(now)
     start = StartTime.from_settings(settings, round(now * 1e9), flight)
     return make_request(settings, book, start, tracking.states(flight, settings, now), flight)
 
@@ -66,7 +66,7 @@ def requested_uav(message, now, plan=None, **changes):
     take_poses(book, message, now)
     tracking = PlanTracking(book)
     if plan is not None:
-        tracking.add_plan(plan, now)
+        tracking.followed.add_plan(plan, now)
         report(tracking, plan, *((clock, clock - 1000.0) for clock in (now - 0.1, now)))
     return request(tracking, book, settings, now).scenario.uavs[0]
 
@@ -126,14 +126,15 @@ def tracking_of(*plans, now=1000.0, book=None):
     """Return a PlanTracking, by a PoseBook, of plans that are published at a time in s."""
     tracking = PlanTracking(PoseBook() if book is None else book)
     for plan in plans:
-        tracking.add_plan(plan, now)
+        tracking.followed.add_plan(plan, now)
     return tracking
 
 
 def report(tracking, plan, *reports):
     """Add reports about a plan: (time of the clock, time of the plan) in s."""
     for clock, time_of_plan in reports:
-        tracking.add_report(messages.plan_time(plan, time_of_plan, stamp_at(clock)), clock)
+        tracking.followed.add_report(
+            messages.plan_time(plan, time_of_plan, stamp_at(clock)), clock)
 
 
 def plan_with(power):
@@ -177,17 +178,17 @@ def test_the_status_has_the_distance_of_each_uav_and_its_rate_and_warns_beyond_t
 def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(plan, other):
     tracking = tracking_of(plan)
     report(tracking, plan, (1010.0, 10.0), (1010.1, 10.1))
-    tracking.add_plan(other, 1010.2)
+    tracking.followed.add_plan(other, 1010.2)
     report(tracking, plan, (1011.0, 11.0))  # It may not have it yet.
-    assert tracking.flight(1011.0).playback.plan is other
+    assert tracking.followed.flight(1011.0).playback.plan is other
     report(tracking, plan, (1013.0, 13.0))
-    assert tracking.flight(1013.0).playback.plan is plan
+    assert tracking.followed.flight(1013.0).playback.plan is plan
     problems, track = tracking.status(SETTINGS, 1013.0)
     assert (track.plan, track.state) == (plan.identity, 'flying')
     assert f'plan {other.identity} is not flown: the follower has not adopted it and flies ' \
            f'{plan.identity}' in problems
     report(tracking, other, (1013.5, 13.5))
-    assert tracking.flight(1013.5).playback.plan is other
+    assert tracking.followed.flight(1013.5).playback.plan is other
 
 
 def test_a_follower_of_an_unknown_plan_is_named(plan, other):
@@ -195,25 +196,25 @@ def test_a_follower_of_an_unknown_plan_is_named(plan, other):
     report(tracking, other, (1010.0, 10.0))
     problem, = tracking.status(SETTINGS, 1010.5)[0]
     assert f'plays plan {other.identity}, which this planner does not have' in problem
-    tracking.check_known(1010.5)  # It may wait.
+    tracking.followed.check_known(1010.5)  # It may wait.
     report(tracking, other, (1010.6, 10.1))
     with pytest.raises(SupersededError, match='which this planner does not have; end that'):
-        tracking.check_known(1010.6)
-    tracking.add_plan(plan, 1010.6)
-    assert tracking.unknown_plan(1010.6) == other.identity
-    assert tracking.unknown_plan(1012.0) is None  # Silent since.
+        tracking.followed.check_known(1010.6)
+    tracking.followed.add_plan(plan, 1010.6)
+    assert tracking.followed.unknown_plan(1010.6) == other.identity
+    assert tracking.followed.unknown_plan(1012.0) is None  # Silent since.
 
 
 def test_a_planner_restarted_while_its_plan_waits_says_when_that_is_flown(plan, other):
     """Before, it advised to end a flight whose follower was about to adopt the plan."""
     tracking = tracking_of(replace(plan, start_ns=1030 * 10**9), now=1010.0)
-    waiting = next(iter(tracking._plans))
+    waiting = next(iter(tracking.followed._plans))
     for clock, text in ((1010.0, 'takes effect in 20.0 s'), (1031.0, 'takes effect in 0.0 s'),
                         (1033.0, None)):
         report(tracking, other, (clock - 0.2, clock - 1000.2), (clock - 0.1, clock - 1000.1))
         problem, = tracking.status(SETTINGS, clock)[0]
         with pytest.raises(LateError if text else SupersededError) as error:
-            tracking.check_known(clock)
+            tracking.followed.check_known(clock)
         for told in (problem, str(error.value)):
             assert 'which this planner does not have' in told
             assert ('~/pause and ~/reset' in told) == (text is None)
@@ -226,15 +227,15 @@ def test_a_flight_whose_rate_changes_is_not_steady(plan):
     clocks = 1010.0 + np.arange(40) * 0.05
     report(tracking, plan, *((clock, clock - 1000.0) for clock in clocks))
     report(tracking, plan, (1012.0, 11.98), (1012.05, 12.05))  # A stamp that was taken late.
-    tracking.check_steady(1012.05)
+    tracking.followed.check_steady(1012.05)
     report(tracking, plan, *((1012.05 + since, 12.05 + since - 0.1 * since**2)
                              for since in np.arange(1, 11) * 0.05))
     with pytest.raises(LateError, match='slowing down or speeding up'):
-        tracking.check_steady(1012.55)
+        tracking.followed.check_steady(1012.55)
     report(tracking, plan, (1012.6, 12.574), (1012.65, 12.574))
-    assert tracking.flight(1012.65).state == 'held'
-    tracking.check_steady(1012.65)
-    tracking.check_steady(1014.0)  # After a silence it stands.
+    assert tracking.followed.flight(1012.65).state == 'held'
+    tracking.followed.check_steady(1012.65)
+    tracking.followed.check_steady(1014.0)  # After a silence it stands.
 
 
 @pytest.mark.parametrize('period', [0.02, 0.2, 1.0])
@@ -246,16 +247,16 @@ def test_a_flight_is_not_steady_right_after_its_clock_jumped_ahead(plan, period)
         report(tracking, plan, (clock, 10.0 + count * period))
         if count in (6, 7):
             with pytest.raises(LateError):
-                tracking.check_steady(clock)
+                tracking.followed.check_steady(clock)
         elif count != 1:
-            tracking.check_steady(clock)
-            assert count == 0 or tracking.flight(clock).time_scale == pytest.approx(1.0)
+            tracking.followed.check_steady(clock)
+            assert count == 0 or tracking.followed.flight(clock).time_scale == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('age, word', [(1.5, 'past'), (-3.0, 'future')])
 def test_reports_by_another_clock_are_named_with_the_difference(plan, age, word):
     tracking = tracking_of(plan)
-    tracking.add_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
+    tracking.followed.add_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
     problem, = tracking.status(SETTINGS, 1010.2)[0]
     assert f'{abs(age):.1f} s in the {word}' in problem and 'NTP' in problem
     problem, = tracking.status(SETTINGS, 1012.0)[0]
@@ -271,7 +272,7 @@ def test_after_a_silence_older_odometry_has_the_time_of_the_reports(plan):
     book.take('uav1/odom', odometry(*place, stamp=1009.5), SETTINGS, 1009.5)
     settings = settings_with(pose_timeout=0.0)
     for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
-        flight = tracking.flight(now)
+        flight = tracking.followed.flight(now)
         assert (flight.time, flight.time_scale, flight.is_reported) == (22.0, 0.0, False)
         assert tracking.distances(settings, now)['uav1'] < 1e-3
 
@@ -289,13 +290,13 @@ def test_odometry_that_is_silent_is_compared_with_where_the_plan_was_then(plan, 
     place = Playback(plan).at(20.0).positions[0]
     book.take('uav1/odom', odometry(*place, stamp=1020.0), SETTINGS, 1020.0)
     fly(plan, 20.0, 20.0 + silence - 1.0)
-    tracking.add_plan(replace(plan, powers=plan.powers * 0.9), 1019.0 + silence)
-    fly(next(reversed(tracking._plans.values())).plan, 19.0 + silence, 20.0 + silence)
+    tracking.followed.add_plan(replace(plan, powers=plan.powers * 0.9), 1019.0 + silence)
+    fly(next(reversed(tracking.followed._plans.values())).plan, 19.0 + silence, 20.0 + silence)
     now = 1020.0 + silence
     assert tracking.distances(SETTINGS, now)['uav1'] < 1e-6
     # Another flight has no time then, so nothing is told.
-    tracking.add_plan(replace(other, start_ns=other.start_ns - 10**9), now)
-    fly(next(reversed(tracking._plans.values())).plan, 20.0 + silence, 21.0 + silence)
+    tracking.followed.add_plan(replace(other, start_ns=other.start_ns - 10**9), now)
+    fly(next(reversed(tracking.followed._plans.values())).plan, 20.0 + silence, 21.0 + silence)
     assert tracking.distances(SETTINGS, now + 1.0) == {}
 
 
@@ -303,24 +304,24 @@ def test_a_plan_that_is_to_take_over_soon_is_not_planned_anew_and_later_in_the_t
         plan):
     """Before, a request that was overtaken was dropped after its whole solve."""
     tracking = tracking_of(plan)
-    assert tracking.until_superseded(None, 1010.0) == math.inf
+    assert tracking.followed.until_superseded(None, 1010.0) == math.inf
     report(tracking, plan, (1010.0, 10.0), (1010.1, 10.1))
-    flight = tracking.flight(1010.1)
-    assert tracking.until_superseded(flight, 1010.1) == math.inf
+    flight = tracking.followed.flight(1010.1)
+    assert tracking.followed.until_superseded(flight, 1010.1) == math.inf
     for begin, left in ((1050, 29.0), (1020, 8.9), (1012, None)):
-        tracking.add_plan(replace(plan, start_ns=begin * 10**9), 1010.1)
+        tracking.followed.add_plan(replace(plan, start_ns=begin * 10**9), 1010.1)
         if left is None:
             with pytest.raises(LateError, match='takes effect in 1.9 s; ask again when it is'):
-                tracking.until_superseded(flight, 1010.1)
+                tracking.followed.until_superseded(flight, 1010.1)
         else:
-            until = tracking.until_superseded(flight, 1010.1)
+            until = tracking.followed.until_superseded(flight, 1010.1)
             start = StartTime(1_010_100_000_000, 30.0, 0.0, until)
             assert start.time_limit(60.0) == pytest.approx(left)
             told = str(start.explain(TimeLimitError('over'), settings_with(time_limit=60.0)))
             assert ('an earlier plan takes effect in 9.9 s' in told) == (begin == 1020)
     # One that its follower has not adopted is not waited for, nor one of a flight that is held.
-    assert tracking.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
-    assert tracking.until_superseded(flight._replace(time=14.1), 1014.1) == math.inf
+    assert tracking.followed.until_superseded(flight._replace(time_scale=0.0), 1010.1) == math.inf
+    assert tracking.followed.until_superseded(flight._replace(time=14.1), 1014.1) == math.inf
 
 
 def test_a_solve_that_a_short_start_delay_ends_is_told_in_its_words():
@@ -337,9 +338,9 @@ def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(plan):
     tracking = tracking_of(plan)
 
     def add(follower, clock, time_of_plan):
-        tracking.add_report(messages.plan_time(
+        tracking.followed.add_report(messages.plan_time(
             plan, time_of_plan, stamp_at(clock), follower), clock)
-        return tracking.flight(clock).time, tracking.status(
+        return tracking.followed.flight(clock).time, tracking.status(
             SETTINGS, clock)[0]
 
     waiting = Playback(plan).begin
@@ -391,6 +392,6 @@ def test_a_planner_ends_a_promise_in_the_slot_in_which_its_follower_does(
             followed = followed.end_promise(time)
         if clock - checked > period:
             checked = clock
-            kept = tracking.check_promise(10**9 + clock) or tracking.flight(
+            kept = tracking.check_promise(10**9 + clock) or tracking.followed.flight(
                 10**9 + clock).playback.plan
     assert kept.promised_slots.tolist() == followed.promised_slots.tolist()

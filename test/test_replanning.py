@@ -40,7 +40,7 @@ class Bench:
     def __init__(self, plan):
         self.plan, self.poses = plan, PoseBook()
         self.tracking = PlanTracking(self.poses)
-        self.tracking.add_plan(plan, START)
+        self.tracking.followed.add_plan(plan, START)
         self.published, self.refused = [], []
         self.late, self.solving = 0.0, 0.0
         self.replanning = Replanning(self.poses, self.tracking)
@@ -49,7 +49,7 @@ class Bench:
         """Report the time of the plan at a time of the clock, in s from START."""
         message = plan_time(self.plan, max(0.0, clock - self.late) if time is None else time,
                             stamp_at(START + clock))
-        self.tracking.add_report(message, START + clock)
+        self.tracking.followed.add_report(message, START + clock)
 
     def fly(self, now):
         if self.late is not None:
@@ -68,13 +68,13 @@ class Bench:
             plan, rejoin, begin, _ = remainder.solve(Job(lambda: None, 'cancelled', True))
             ready = now + self.solving
             self.fly(ready)
-            remainder.check_in_time(rejoin, self.tracking.flight(ready), ready)
+            remainder.check_in_time(rejoin, self.tracking.followed.flight(ready), ready)
         except PlanningError as error:
             self.replanning.note_failure(rule)
             self.refused.append(error)
         else:
             self.published.append((plan, rejoin.effect))
-            self.tracking.add_plan(plan, ready)
+            self.tracking.followed.add_plan(plan, ready)
             self.replanning.note_plan(ready, begin)
             self.plan = plan
 
@@ -188,7 +188,7 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
         bench.add_pose('uav1/odom', pose_message(Odometry, *place), START + clock)
         bench.check(clock, **settings)
     assert not bench.published and not bench.refused
-    flight = bench.tracking.flight(START + 59.75)
+    flight = bench.tracking.followed.flight(START + 59.75)
     assert (flight.time, flight.time_scale, flight.state) == (pytest.approx(30.0), 0.0, 'held')
     assert bench.tracking.distances(SETTINGS, START + 59.75)['uav1'] < 1e-6
 
@@ -204,17 +204,17 @@ def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, 
 def test_however_many_plans_wait_the_plan_in_flight_is_tracked(bench, plan):
     for number in range(20):
         bench.report(40.0 + number)
-        bench.tracking.add_plan(
+        bench.tracking.followed.add_plan(
             replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
-        assert bench.tracking.flight(START + 40 + number).playback.plan is plan
+        assert bench.tracking.followed.flight(START + 40 + number).playback.plan is plan
 
 
 def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(bench, plan):
     refused = replace(plan, powers=plan.powers * 0.9)
-    bench.tracking.add_plan(refused, START + 5.0)
+    bench.tracking.followed.add_plan(refused, START + 5.0)
     for clock in (7.0, 8.0, 9.95, 10.0):
         bench.report(clock)
-    assert bench.tracking.flight(START + 10.0).playback.plan is plan
+    assert bench.tracking.followed.flight(START + 10.0).playback.plan is plan
     bench.check(10.0, replan_period=1.0)
     (replan, effect), = bench.published
     assert effect == 15.0 and (replan.powers[:, :5] == plan.powers[:, :5]).all()
@@ -229,12 +229,12 @@ def test_a_requested_plan_that_is_not_adopted_ends_no_rule_for_replans(plan, cha
     """Before, there was no replan for the rest of the flight."""
     bench = Bench(replace(plan, **change))
     bench.check(10.0)
-    bench.tracking.add_plan(replace(plan, start_ns=(START + 20) * 10**9), START + 10.0)
+    bench.tracking.followed.add_plan(replace(plan, start_ns=(START + 20) * 10**9), START + 10.0)
     for clock, count in ((19.0, 0), (21.8, 0), (22.2, 1)):
         bench.check(clock, **settings)
         assert len(bench.published) == count, clock
     assert not bench.refused and bench.plan.start_ns == plan.start_ns
-    assert bench.tracking.flight(START + 22.2).playback.plan is bench.plan
+    assert bench.tracking.followed.flight(START + 22.2).playback.plan is bench.plan
 
 
 def test_a_pause_delays_a_plan_that_waits_and_no_replan_changes_where_it_begins(bench, plan):
@@ -243,7 +243,8 @@ def test_a_pause_delays_a_plan_that_waits_and_no_replan_changes_where_it_begins(
         bench.report(clock, min(clock, 15.0) if clock < 25.0 else clock - 10.0)
         bench.check(clock, replan_period=1.0 if clock > 10.0 else 0.0)
         if clock == 10.0:
-            bench.tracking.add_plan(replace(plan, start_ns=(START + 20) * 10**9), START + clock)
+            bench.tracking.followed.add_plan(
+                replace(plan, start_ns=(START + 20) * 10**9), START + clock)
         assert bool(bench.published) == (clock > 32.0), clock
         assert not bench.tracking.status(SETTINGS, START + clock)[0]
 

@@ -70,6 +70,7 @@ class Planner(WorkingNode):
         self._pose_warnings = WarningLog(self.get_logger())  # Why poses are refused.
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
+        self._followed = self._tracking.followed
         self._state = State()
         self._solver = SolverThread(self.post, self._publish_status)
         self._call = Call('answered')  # The last call of ~/plan.
@@ -148,7 +149,7 @@ class Planner(WorkingNode):
             self._publish_status()
 
     def _on_plan_time(self, _: str, message: TimeReference) -> None:
-        self._tracking.add_report(message, self._now())
+        self._followed.add_report(message, self._now())
 
     def _on_relay(self, topic: str, message: DiagnosticStatus) -> None:
         if self._tracking.relays.take(topic, message):
@@ -166,10 +167,10 @@ class Planner(WorkingNode):
         plan = self._state.plan
         ended = plan
         if plan is not None and plan.promised_until is not None and (
-                self._tracking.is_waiting(plan, before)):
+                self._followed.is_waiting(plan, before)):
             ended = plan.end_promise(0.0)
         if now < before:
-            self._tracking.forget_reports()
+            self._followed.forget_reports()
         if ended is not None and ended is not plan:
             self._state.plan = ended
             self._publish_plan(ended, messages.serialize_plan(ended, self._settings.frame_id))
@@ -190,7 +191,7 @@ class Planner(WorkingNode):
     def _plan_if_discovered(self) -> None:
         """Start the solve of a call that waits, once a follower is heard or discovery is over."""
         if self._call.state == 'waits' and (
-                self._tracking.has_time_scale or time.monotonic() >= self._discovery_deadline):
+                self._followed.has_time_scale or time.monotonic() >= self._discovery_deadline):
             self._call.state = 'solved'
             self._plan()
 
@@ -200,11 +201,11 @@ class Planner(WorkingNode):
         self._call.has_jumped = False  # What matters is a jump from now on.
         settings, now, last = self._settings, now_ns * 1e-9, self._state.plan
         try:
-            self._tracking.check_steady(now)
-            self._tracking.check_known(now)
+            self._followed.check_steady(now)
+            self._followed.check_known(now)
             flight = self._flight(now)
             start = StartTime.from_settings(
-                settings, now_ns, flight, self._tracking.until_superseded(flight, now))
+                settings, now_ns, flight, self._followed.until_superseded(flight, now))
             limit = start.time_limit(settings.time_limit or None)
             request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
@@ -236,7 +237,7 @@ class Planner(WorkingNode):
                 self._solve(request.predict_again(plan, self._poses, now_ns))
                 return
             request.start.check_in_time(now_ns)
-            self._tracking.check_steady(now)
+            self._followed.check_steady(now)
             request.check_flight(self._flight(now), now)
             self._state.keep_requested(plan)
             self._local_frames.moves.clear()  # They are no problem of the new plan.
@@ -246,7 +247,7 @@ class Planner(WorkingNode):
         except Exception as error:
             self._call.reply(False, self._refuse(request.start.explain(error, request.settings)))
             return
-        unknown = self._tracking.unknown_plan(self._now())
+        unknown = self._followed.unknown_plan(self._now())
         self._call.reply(True, f'plan {plan.identity}: {text}{request.flight_text}' + (
             '' if unknown is None else f'; the follower has another plan, {unknown}'))
 
@@ -269,7 +270,7 @@ class Planner(WorkingNode):
 
     def _flight(self, now: float) -> Flight | None:
         """Return the flight that a new plan continues, or None if no follower reports now."""
-        flight = self._tracking.flight(now)
+        flight = self._followed.flight(now)
         return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
@@ -299,7 +300,7 @@ class Planner(WorkingNode):
         self._plan_if_discovered()
         if (ended := self._tracking.check_promise(now)) is not None:
             self._keep_ended(ended)
-        flight = self._tracking.flight(now)
+        flight = self._followed.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.forget_replan()
         for problem in self._tracking.relays.find_newly_lost():
@@ -336,7 +337,7 @@ class Planner(WorkingNode):
         try:
             plan, rejoin, begin, outgoing = result()
             now = self._now()
-            remainder.check_in_time(rejoin, self._tracking.flight(now), now)
+            remainder.check_in_time(rejoin, self._followed.flight(now), now)
         except Exception as error:
             self._replanning.note_failure(remainder.rule)
             self._refuse(error, is_replan=True)
@@ -378,7 +379,7 @@ class Planner(WorkingNode):
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
         now = self._now()
-        self._tracking.add_plan(plan, now)
+        self._followed.add_plan(plan, now)
         self._poses.expect(plan.scenario, begin)
         self._replanning.note_plan(now, begin)
         self._publish_status()

@@ -5,7 +5,8 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
-from .plan_tracking import check_continuation, PlanTracking, start_of
+from .followed_plans import check_continuation, start_of
+from .plan_tracking import PlanTracking
 from .poses import PoseBook
 from .receivers import has_moved, predict_receivers, Receivers
 from .request import DELIVERY_S
@@ -147,7 +148,7 @@ class Replanning:
     """Decides by RULES when the remainder of the mission is planned again; times are in s."""
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
-        self._poses, self._tracking = poses, tracking
+        self._poses, self._tracking, self._followed = poses, tracking, tracking.followed
         self._last_planned = -math.inf  # When a plan was last published or a replan began [s].
         self._stopped = frozenset[str]()  # UAVs that relays stopped at the last replan.
         self._has_failed = False  # Whether the last replan failed, by a rule without must_meet.
@@ -162,12 +163,12 @@ class Replanning:
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
-        flight = self._tracking.flight(now)
+        flight = self._followed.flight(now)
         if not settings.has_replans or flight is None or not flight.time_scale or (
-                not self._tracking.is_steady(now)):
+                not self._followed.is_steady(now)):
             return None
         slots = flight.playback.plan.scenario.slots
-        if self._tracking.awaits_newest(flight, now):
+        if self._followed.awaits_newest(flight, now):
             return None
         if self._last_kept_point(flight, settings) >= slots or (
                 self._poses.problems(settings, now, with_uavs=False)):
@@ -240,7 +241,7 @@ class Replanning:
 
         :raises PlanningError: if the receivers cannot be predicted.
         """
-        flight = self._tracking.flight(now)
+        flight = self._followed.flight(now)
         assert flight is not None
         updated, receivers = self._update_receivers(flight, settings, now)
         self._last_planned = now

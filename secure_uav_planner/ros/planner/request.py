@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 
 from rclpy.task import Future
 
-from .plan_tracking import check_continuation, start_of
+from .followed_plans import check_continuation, start_of
 from .poses import PoseBook
 from .receivers import predict_receivers, Receivers
 from .settings import PlannerSettings
