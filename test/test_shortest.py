@@ -74,11 +74,14 @@ def test_a_plan_says_that_it_suffices_only_while_it_does(tmp_path):
 
 COVERED = replace(Scenario.paper(120.0, slots=6),
                   eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
+SLOW = with_uavs(Scenario.paper(120.0), max_acceleration=3.0)
 
 
 @pytest.mark.parametrize('scenario, bits, words', [
     (COVERED, 250.0, 'the disc of eavesdropper covers the ground node'),
-    (Scenario.paper(120.0), 1e9, '20000 s in slots of 1 s, delivers at most 305755 bit/Hz')])
+    (Scenario.paper(120.0), 1e9, '20000 s in slots of 1 s, .* 305755 bit/Hz, .* longer slots'),
+    (with_uavs(SLOW, max_energy=1e8), 1e9, '20000 s in slots of 1 s, .* longer slots'),
+    (with_uavs(SLOW, max_energy=1e5), 1e9, 'delivers at most .* a larger max_energy')])
 def test_bits_that_no_flight_can_deliver_are_refused_without_a_search(
         scenario, bits, words, monkeypatch):
     monkeypatch.setattr('secure_uav_planner.bound.shortest.solve', None)

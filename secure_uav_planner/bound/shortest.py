@@ -72,10 +72,14 @@ def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective |
 
 def find_longest_duration(scenario: Scenario) -> float:
     """Return the longest duration [s] that slots of this length and the batteries allow."""
-    batteries = [uav.max_energy / find_least_power(uav.propulsion) for uav in scenario.uavs
-                 if uav.max_energy is not None and uav.propulsion is not None]
     return min(DURATION.high, find_range(Scenario, 'slots').high * scenario.slot_duration,
-               *batteries)
+               *_find_battery_durations(scenario))
+
+
+def _find_battery_durations(scenario: Scenario) -> list[float]:
+    """Return a duration [s] that no flight on each battery of a scenario exceeds."""
+    return [uav.max_energy / find_least_power(uav.propulsion) for uav in scenario.uavs
+            if uav.max_energy is not None and uav.propulsion is not None]
 
 
 def find_least_power(propulsion: Propulsion) -> float:
@@ -106,7 +110,8 @@ def check_bits(scenario: Scenario, bits: float) -> None:
             f'bits is {bits:g} bit/Hz; the longest flight, {longest:g} s in slots of '
             f'{scenario.slot_duration:g} s, delivers at most {most:.0f} bit/Hz, straight above '
             'a ground node at peak power; ask for less, or for ' + (
-                'a larger max_energy' if scenario.limits_energy else 'longer slots'), ('bits',))
+                'a larger max_energy' if longest in _find_battery_durations(scenario)
+                else 'longer slots'), ('bits',))
 
 
 class _Search:
