@@ -81,6 +81,17 @@ class FlownFlight:
             rows.append(np.where(last < 0, 0.0, watts[np.maximum(last, 0)]))
         return np.stack(rows)
 
+    def find_power_changes(self) -> Array:
+        """Return the times (C,) [s] from point 0 at which the power set for a UAV changes."""
+        changes = [np.zeros(0)]
+        for log, clock in zip(self.logs.values(), self.clocks, strict=True):
+            known = np.isfinite(clock)
+            if log.powers is not None and known.any():
+                set_times, watts = log.powers
+                changes.append(np.interp(set_times[1:][np.diff(watts) != 0], clock[known],
+                                         self.times[known]))
+        return np.concatenate(changes)
+
     def due_at(self, times: Array, plan: Plan) -> Array:
         """
         Return the times (K,) [s] that were due, by a plan, at the flight's times (K,) [s].
