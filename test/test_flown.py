@@ -160,6 +160,20 @@ def test_in_short_slots_at_a_gap_every_covered_slot_has_a_rate(tmp_path):
         json.dumps(comparison.to_dict(), allow_nan=False)
 
 
+def test_setpoints_that_were_never_sent_are_not_compared(plan, flight, tmp_path):
+    read = read_flight(write_logs(flight, 'csv', tmp_path), plan)
+    sent = np.array([20.0, 20.5, 21.0, 80.0, 80.5])
+    log = read.logs['uav1']
+    log = replace(log, setpoints=(sent + read.shifts['uav1'].seconds,
+                                  plan.curve.at(sent).positions[0]))
+    comparison = compare(plan, replace(read, logs={**read.logs, 'uav1': log}))
+    assert comparison.uavs['uav1'].setpoint_error_rms_m < 0.1
+    swapped = replace(plan, bound=None, scenario=replace(plan.scenario, uavs=[
+        replace(uav, name=name) for uav, name in zip(plan.scenario.uavs, ('uav2', 'uav1'))]))
+    with pytest.raises(OptionError, match='flight is of the plan'):
+        compare(swapped, read)
+
+
 def test_a_battery_counts_in_the_time_covered(plan, tmp_path):
     fuelled = replace(plan, scenario=with_uavs(plan.scenario, propulsion=Propulsion()), bound=None)
     read = read_flight(write_logs(fly(fuelled, 0.0, 0.0), 'BIN', tmp_path), fuelled,
@@ -529,6 +543,17 @@ def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
     assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(
         late.curve_rates, rel=0.01, abs=0.01)
     assert np.abs(late.curve_rates - on_time.curve_rates).max() > 0.05
+    # The same by a log in UTC, whose time of the plan is found by the flight itself.
+    write_csv(flight, tmp_path / 'flight.csv', START_NS * 1e-9)
+    for at in ('fit', 'takeoff'):
+        fitted = compare(on_time, read_flight(tmp_path / 'flight.csv', on_time, at=at))
+        assert fitted.achieved['guaranteed'].sum(axis=0) == pytest.approx(
+            late.curve_rates, rel=0.01, abs=0.01)
+        assert comparison.promised.sum() == fitted.promised.sum() == 0
+    # A plan that expects the delay is flown on time, by UTC, too.
+    expected = replace(on_time, promise_delay=5.0)
+    by_utc = compare(expected, read_flight(tmp_path / 'flight.csv', expected))
+    assert by_utc.promised.all() and by_utc.uavs['uav1'].error_rms_m < 0.1
     # A replan that expects the delay changes nothing for the slots before it.
     begin = 25 * plan.scenario.slot_duration
     revision = replace(late, powers=0.99 * late.powers, promise_delay=5.0)

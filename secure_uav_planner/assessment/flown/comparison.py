@@ -24,6 +24,7 @@ from ...model.channel.rates import find_least_rate
 from ...model.curve import GAUSS_LEGENDRE, mean_node_rates
 from ...output.flown_table import comparison_table
 from ...plan.plan import Plan
+from ...plan.tracking import PUNCTUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -196,7 +197,8 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     checked_kind('plan', plan, Plan)
     checked_kind('flight', flight, FlownFlight)
     if (plan.start_ns or 0) != (flight.plan.start_ns or 0) or not np.array_equal(
-            plan.times, flight.plan.times) or len(plan.powers) != len(flight.positions):
+            plan.times, flight.plan.times) or [*flight.logs] != [
+                uav.name for uav in plan.scenario.uavs]:
         raise OptionError(f'flight is of the plan {flight.plan.identity}; it must be of '
                           f'{plan.identity} or of a replan', ('flight',))
     measured = {uav.name: measure_errors(flight, index)
@@ -209,6 +211,10 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     # `revision` is the plan that was in force in `slots`.
     for revision, slots in flight.course.split_slots():
         promised[slots], flown = revision.promised_slots[slots], slots[covered[slots]]
+        if revision.promised_until is not None or revision.scenario.has_tracks:
+            begins = revision.times[1:-1]
+            is_late = np.abs(flight.due_at(begins, revision) - begins) > PUNCTUAL
+            promised &= ~np.maximum.accumulate(is_late)
         for kind, find_rates in NODE_RATES.items():
             for rates, chosen, means in (
                     (planned, slots, mean_node_rates(

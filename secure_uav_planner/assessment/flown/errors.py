@@ -11,6 +11,7 @@ from .alignment import find_delay, STEP_S
 from .flight import find_jumps, FlownFlight
 from ...mission.validation import Array, find_runs
 from ...model.curve import integrate_powers
+from ...plan.tracking import LONGEST_GAP
 
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
 _MOVING = 0.05  # Share of the largest speed below which a plan hovers.
@@ -167,6 +168,8 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
     times, positions = log.setpoints
     targets = np.stack([np.interp(clock, times, column, np.nan, np.nan)
                         for column in positions.T], axis=-1)
+    step = np.append(np.diff(times), 0.0)  # After each setpoint.
+    targets[step[np.maximum(np.searchsorted(times, clock, 'right') - 1, 0)] > LONGEST_GAP] = np.nan
     return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 
 
