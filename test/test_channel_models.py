@@ -11,7 +11,8 @@ import pytest
 from secure_uav_planner import (
     assess, Channel, fly_hover_fly, Plan, Scenario, solve, upper_bound, World)
 from secure_uav_planner.errors import OptionError
-from secure_uav_planner.model.channel.links import make_link, sight_radii
+from secure_uav_planner.model.channel import links
+from secure_uav_planner.model.channel.links import FreeSpace, make_link, sight_radii
 from strategies import channels, SEEDS, with_uavs
 
 # design: duration, environment, P2 rate of a plan for free space in it, and of one made for it
@@ -160,6 +161,23 @@ def test_what_is_proven_for_free_space_only_refuses_other_channels(name):
             upper_bound(scenario)
         with pytest.raises(OptionError, match="use 'joint'"):
             solve(scenario, method='alternating')
+
+
+def test_what_is_proven_for_free_space_only_refuses_a_channel_of_ones_own(monkeypatch):
+    class Absorbed(FreeSpace):
+
+        def gain(self, squared):
+            return super().gain(squared) * np.exp(-squared / 400.0**2)
+
+    scenario = Scenario.paper(110.0, slots=10)
+    plan = fly_hover_fly(scenario)
+    make = links._link
+    monkeypatch.setattr(links, '_link', lambda *args: Absorbed(*vars(make(*args)).values()))
+    assert np.isfinite(replace(plan).guaranteed_rate)
+    for call in (lambda: replace(plan).worst_case_rate, lambda: upper_bound(scenario, plan=plan),
+                 lambda: solve(scenario, 'alternating')):
+        with pytest.raises(OptionError):
+            call()
 
 
 @settings(max_examples=10)

@@ -15,6 +15,7 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment.flown import compare, read_flight
 from secure_uav_planner.errors import LogFileError, OptionError
+from secure_uav_planner.model.channel import guaranteed_node_rates
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_uavs
@@ -74,6 +75,7 @@ def test_a_known_delay_and_offset_come_back_from_a_log(kind, plan, flight, tmp_p
             assert errors.delay_s == pytest.approx(DELAY, abs=0.02)
         assert [errors.cross_track_rms_m, errors.cross_track_mean_m] == pytest.approx(
             [OFFSET, OFFSET], abs=0.05)  # To the left.
+        assert errors.speed_max_m_s == pytest.approx(10.0, abs=0.05)
         assert errors.height_error_max_m < 0.01 and errors.gap_max_s == 0.0
     assert comparison.rate('guaranteed') == pytest.approx(plan.curve_rate, rel=0.01)
     assert json.loads(json.dumps(comparison.to_dict()))['slots_broken'] == 0
@@ -115,6 +117,75 @@ def test_the_slots_that_were_broken_in_a_log_are_found(plan, flight, tmp_path):
     comparison = compare(plan, read_flight(source, plan))
     assert np.flatnonzero(comparison.broken).tolist() == mute.tolist()
     assert comparison.to_dict()['powers_from'] == 'log'
+
+
+@pytest.mark.parametrize('begin, end', [(40.24, 40.98), (40.96, 41.04)])
+def test_powers_that_change_inside_a_slot_count_for_as_long_as_they_are_set(
+        begin, end, plan, tmp_path):
+    dense = fly(plan, 0.0, 0.0, frequency=50.0)
+    dense.powers[1, (dense.times > begin - 0.01) & (dense.times < end - 0.01)] = 0.0
+    write_csv(dense, tmp_path / 'flight.csv', START_NS * 1e-9)
+    comparison = compare(plan, read_flight(tmp_path / 'flight.csv', plan))
+    times = 40.0 + (np.arange(1000) + 0.5) * 0.002  # Slot 20.
+    powers = np.repeat(plan.powers[:, 19:20], 1000, axis=1)
+    powers[1, (times > begin) & (times < end)] = 0.0
+    mean = guaranteed_node_rates(
+        plan.scenario, np.pad(plan.curve.at(times).positions, ((0, 0), (1, 1), (0, 0))), powers,
+        times=times).mean()
+    assert comparison.achieved['guaranteed'][0, 19] == pytest.approx(mean, rel=0.01)
+    assert mean < 0.99 * plan.curve_rates[19]
+
+
+def test_a_pause_on_the_way_is_no_distance_from_the_way(plan, tmp_path):
+    flight = fly(plan, 0.0, OFFSET, after=30.0)
+    later = flight.times - np.clip(flight.times - 50.0, 0.0, 25.0)  # A pause of 25 s.
+    positions = [[np.interp(later, flight.times, column) for column in path.T]
+                 for path in flight.positions]
+    write_csv(replace(flight, positions=np.moveaxis(positions, 1, 2)), tmp_path / 'flight.csv',
+              START_NS * 1e-9)
+    comparison = compare(plan, read_flight(tmp_path / 'flight.csv', plan))
+    for errors in comparison.uavs.values():
+        assert errors.error_max_m > 50.0
+        assert errors.cross_track_max_m == pytest.approx(OFFSET, abs=0.1)
+
+
+def test_in_short_slots_at_a_gap_every_covered_slot_has_a_rate(tmp_path):
+    plan = fly_hover_fly(Scenario.paper(110.0, slots=300))  # Slots of 0.367 s.
+    read = read_flight(write_logs(fly(plan, 0.0, 0.0), 'csv', tmp_path), plan)
+    for gap in np.arange(5.0, 7.0, 0.1):
+        positions = np.where(((read.times > gap) & (read.times < gap + 4.0))[:, None], np.nan,
+                             read.positions)
+        comparison = compare(plan, replace(read, positions=positions))
+        assert 0.94 < comparison.coverage < 0.98
+        json.dumps(comparison.to_dict(), allow_nan=False)
+
+
+def test_setpoints_that_were_never_sent_are_not_compared(plan, flight, tmp_path):
+    read = read_flight(write_logs(flight, 'csv', tmp_path), plan)
+    sent = np.array([20.0, 20.5, 21.0, 80.0, 80.5])
+    log = read.logs['uav1']
+    log = replace(log, setpoints=(sent + read.shifts['uav1'].seconds,
+                                  plan.curve.at(sent).positions[0]))
+    comparison = compare(plan, replace(read, logs={**read.logs, 'uav1': log}))
+    assert comparison.uavs['uav1'].setpoint_error_rms_m < 0.1
+    swapped = replace(plan, bound=None, scenario=replace(plan.scenario, uavs=[
+        replace(uav, name=name) for uav, name in zip(plan.scenario.uavs, ('uav2', 'uav1'))]))
+    with pytest.raises(OptionError, match='flight is of the plan'):
+        compare(swapped, read)
+
+
+def test_a_battery_counts_in_the_time_covered(plan, tmp_path):
+    fuelled = replace(plan, scenario=with_uavs(plan.scenario, propulsion=Propulsion()), bound=None)
+    read = read_flight(write_logs(fly(fuelled, 0.0, 0.0), 'BIN', tmp_path), fuelled,
+                       shifts=SHIFTS['BIN'])
+    end = read.logs['uav1'].times[-1]
+    logs = {name: replace(log, battery=(np.array([0.0, end]), np.array([0.0, 300.0 * end])))
+            for name, log in read.logs.items()}
+    positions = np.where(((read.times > 20.0) & (read.times < 80.0))[:, None], np.nan,
+                         read.positions)
+    whole = compare(fuelled, replace(read, logs=logs)).uavs['uav1']
+    cut = compare(fuelled, replace(read, logs=logs, positions=positions)).uavs['uav1']
+    assert cut.battery_wh == pytest.approx(whole.battery_wh * 53 / 113, rel=0.05)
 
 
 @pytest.mark.parametrize('kind', ['ulg', 'BIN', 'mcap', 'csv'])
@@ -472,6 +543,17 @@ def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
     assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(
         late.curve_rates, rel=0.01, abs=0.01)
     assert np.abs(late.curve_rates - on_time.curve_rates).max() > 0.05
+    # The same by a log in UTC, whose time of the plan is found by the flight itself.
+    write_csv(flight, tmp_path / 'flight.csv', START_NS * 1e-9)
+    for at in ('fit', 'takeoff'):
+        fitted = compare(on_time, read_flight(tmp_path / 'flight.csv', on_time, at=at))
+        assert fitted.achieved['guaranteed'].sum(axis=0) == pytest.approx(
+            late.curve_rates, rel=0.01, abs=0.01)
+        assert comparison.promised.sum() == fitted.promised.sum() == 0
+    # A plan that expects the delay is flown on time, by UTC, too.
+    expected = replace(on_time, promise_delay=5.0)
+    by_utc = compare(expected, read_flight(tmp_path / 'flight.csv', expected))
+    assert by_utc.promised.all() and by_utc.uavs['uav1'].error_rms_m < 0.1
     # A replan that expects the delay changes nothing for the slots before it.
     begin = 25 * plan.scenario.slot_duration
     revision = replace(late, powers=0.99 * late.powers, promise_delay=5.0)

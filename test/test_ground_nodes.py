@@ -109,6 +109,16 @@ def test_plans_are_as_good_as_the_best_known(layout, duration):
     oracle.check_rates(plan)
 
 
+@pytest.mark.parametrize('factor', [1 / 256, 256])
+def test_a_common_factor_of_the_weights_changes_no_plan(factor):
+    nodes = [GroundNode(place, weight=weight) for place, weight in (
+        ((0.0, 0.0), 1.0), ((-200.0, 100.0), 2.0), ((150.0, -250.0), 3.0))]
+    plan, scaled = (solve(make_mission([
+        replace(node, weight=node.weight * scale) for node in nodes], slots=24))
+        for scale in (1, factor))
+    assert plan.rate > 0.1 and scaled.rate * factor == pytest.approx(plan.rate, rel=1e-9)
+
+
 @pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
 def test_the_order_of_the_nodes_changes_nothing(objective):
     nodes = [GroundNode((40, 160), 'a', 2.0), GroundNode((-90, -20), 'b', trusted=False),

@@ -22,6 +22,7 @@ from ..mission.fields import check_argument, Choice
 from ..mission.scenario import Scenario
 from ..mission.validation import Array, checked_callback, checked_kind, checked_time_limit
 from ..model.airspace import Airspace
+from ..model.channel.links import has_free_space_links
 from ..optimize import solve
 from ..optimize.deadline import Deadline, DeadlineCheck, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
@@ -162,7 +163,7 @@ def explain_refusal(scenario: Scenario) -> str:
                 'single one')
     if jammers > 1:
         return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
-    if not scenario.channel.is_inverse_square:
+    if not has_free_space_links(scenario):
         return (f'channel is {scenario.channel}; the proof of upper_bound holds for free space '
                 'only, with or without fading')
     if scenario.has_tracks:

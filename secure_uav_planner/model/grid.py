@@ -79,6 +79,11 @@ class Grid:
         return find_rate_scale(self.scenario)
 
     @cached_property
+    def weight(self) -> float:
+        """Weight that is the unit of the ground nodes' weights, their median."""
+        return float(np.median(self.scenario.node_weights))
+
+    @cached_property
     def origin(self) -> Array:
         """Position of the first ground node, (2,) in m."""
         return np.array(self.scenario.ground_nodes[0].position)
@@ -227,7 +232,8 @@ class Receivers:
     :param radii: epsilon, (N, K). The guarantee adds it to the distance of a jammer, and subtracts
         it from the distance of the transmitter.
     :param link: links from the UAVs, for arrays (..., K, U).
-    :param weights: weights of the ground nodes, (G,).
+    :param weights: weights of the ground nodes, (G,). In units of Grid.weight, so that a common
+        factor of the weights changes no plan.
     :param offsets: head starts of the nodes' mean rates, (G,) in nats.
     :param listeners: indices of the listening nodes among the ground nodes, (L,).
     """
@@ -250,7 +256,8 @@ class Receivers:
             [np.zeros(grounds.shape[:2]), radii, np.zeros(listening.shape[:2])]).T
         link = make_links(grid.scenario, grid.length, grid.power, elevation_offset)
         return cls(positions / grid.length, radii / grid.length, link,
-                   grid.scenario.node_weights, np.log(2) * grid.scenario.node_offsets, listeners)
+                   grid.scenario.node_weights / grid.weight,
+                   np.log(2) * grid.scenario.node_offsets, listeners)
 
     def at_places(self, places: Array) -> 'Receivers':
         """Return receivers with P points (N, E P, 2) in place of each disc; all radii are 0."""

@@ -15,6 +15,7 @@ from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.fields import check_argument, Choice
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
+from ..model.channel.links import has_free_space_links
 from ..model.problem import Problem
 from ..plan.plan import Plan, Status
 
@@ -198,7 +199,7 @@ def _check_scope(scenario: Scenario) -> None:
     elif path := next((path for path, limit in limits.items() if limit), ()):
         reason = ("it has the paper's limits, of speed and power, and this scenario has "
                   f'{format_path(path)}')
-    elif not channel.is_inverse_square:
+    elif not has_free_space_links(scenario):
         reason = (
             'its convex restriction holds for a channel of exponent 2 and a line of sight '
             f'everywhere, and this one has the exponent {channel.exponent:g} and los '

@@ -105,7 +105,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
         powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
         shares=np.concatenate([plan.shares[:, :point], tail.shares], axis=1),
-        start_ns=plan.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay),
+        start_ns=plan.start_ns, bound=None, bits=None, too_short=None,
+        promised_until=_shift(tail.promised_until, delay),
         gaps=_join_gaps(plan, tail, first, delay),
         # The inverse of the change in cut_tail.
         promise_delay=tail.promise_delay - delay * (1 / tail.promise_speed - 1))

@@ -12,6 +12,7 @@ from secure_uav_planner.plan.file import make_text
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 GPS_EPOCH, LEAP = 315964800, 18
+_TILT = 0.3  # Pitch in rad of the vehicles in bags, which fly tilted.
 
 
 @dataclass
@@ -227,7 +228,9 @@ def write_bag(flight, path, plans=(), late=0.0):
         publish = connect('/plan', 'std_msgs/msg/String')
         report = connect('/plan_time', 'sensor_msgs/msg/TimeReference')
         vector, point = (types[f'geometry_msgs/msg/{name}'] for name in ('Vector3', 'Point'))
-        quaternion = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
+        sine, cosine = math.sin(_TILT), math.cos(_TILT)
+        quaternion = types['geometry_msgs/msg/Quaternion'](
+            x=0.0, y=math.sin(_TILT / 2), z=0.0, w=math.cos(_TILT / 2))
         zeros = np.zeros(36)
         topics = [(connect(f'/{uav.name}/odom', 'nav_msgs/msg/Odometry'),
                    connect(f'/{uav.name}/setpoint/power', 'std_msgs/msg/Float64'))
@@ -240,7 +243,9 @@ def write_bag(flight, path, plans=(), late=0.0):
             report(time, types['sensor_msgs/msg/TimeReference'](
                 header=header, time_ref=stamp(time - late), source=f'{plan.identity} /replay'))
             for uav, (odometry, power) in enumerate(topics):
-                place, speed = flight.positions[uav, number], flight.velocities[uav, number]
+                place, (u, v, w) = flight.positions[uav, number], flight.velocities[uav, number]
+                # The twist of an odometry is in the vehicle's frame.
+                speed = cosine * u - sine * w, v, sine * u + cosine * w
                 pose = types['geometry_msgs/msg/Pose'](
                     position=point(*map(float, place)), orientation=quaternion)
                 twist = types['geometry_msgs/msg/Twist'](

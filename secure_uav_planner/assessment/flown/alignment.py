@@ -12,6 +12,7 @@ from .log import VehicleLog
 from ...errors import LogFileError
 from ...mission import TimeSource
 from ...mission.scenario import Array
+from ...plan.plan import Plan
 
 STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
@@ -72,19 +73,25 @@ def find_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
         if offset is None or start_ns is None:
             what = 'the plan has no start' if offset is not None else 'the log has no UTC'
             raise LogFileError(f'{what}; give --at takeoff or --at fit')
-        return Shift(start_ns * 1e-9 - offset, 0.0)  # Time of the log at point 0 of the plan.
+        # Time of the log at point 0 of the plan.
+        return Shift(start_ns * 1e-9 + course.last.promise_delay - offset, 0.0)
     if source == 'takeoff':
         return _find_takeoff_shift(logs, course, uavs)
     return fit_shift(logs, course, uavs, is_moved)
 
 
-def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array) -> Array:
-    """Return the log's time [s] at times (K,) of the plan; NaN outside of reports of plan_time."""
+def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array, plan: Plan
+               ) -> Array:
+    """
+    Return the log's time [s] at times (K,) of the plan; NaN outside of reports of plan_time.
+
+    :param plan: the plan by whose promise_speed a flight by 'utc' is timed.
+    """
     if source != 'plan_time':
-        return times + shift.seconds
+        return times / (plan.promise_speed if source == 'utc' else 1.0) + shift.seconds
     assert log.plan_times is not None
-    clock, plan = log.plan_times
-    return np.interp(times, plan, clock, left=np.nan, right=np.nan)
+    clock, flown = log.plan_times
+    return np.interp(times, flown, clock, left=np.nan, right=np.nan)
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:

@@ -337,10 +337,13 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _list_state(message: Any) -> tuple[float, ...]:
-    """Return x, y, z [m] and velocity in x and y [m/s] of a level vehicle in the fixed frame."""
+    """Return x, y, z [m] and velocity in x and y [m/s] of a vehicle in the fixed frame."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
-    twist = message.twist.twist.linear  # The twist is in the vehicle's frame.
-    sine = 2 * (turn.w * turn.z + turn.x * turn.y)
-    cosine = 1 - 2 * (turn.y**2 + turn.z**2)
-    return (place.x, place.y, place.z, cosine * twist.x - sine * twist.y,
-            sine * twist.x + cosine * twist.y)
+    twist = message.twist.twist.linear  # It is in the child frame, of a vehicle that tilts.
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    if message.child_frame_id == message.header.frame_id:
+        x, y, z, w = 0.0, 0.0, 0.0, 1.0
+    rows = ((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)))
+    return (place.x, place.y, place.z,
+            *(a * twist.x + b * twist.y + c * twist.z for a, b, c in rows))

@@ -21,9 +21,10 @@ from ...mission.scenario import Array, read_only
 from ...mission.validation import checked_kind
 from ...model.channel import NODE_RATES
 from ...model.channel.rates import find_least_rate
-from ...model.curve import mean_node_rates
+from ...model.curve import GAUSS_LEGENDRE, mean_node_rates
 from ...output.flown_table import comparison_table
 from ...plan.plan import Plan
+from ...plan.tracking import PUNCTUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -196,7 +197,8 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     checked_kind('plan', plan, Plan)
     checked_kind('flight', flight, FlownFlight)
     if (plan.start_ns or 0) != (flight.plan.start_ns or 0) or not np.array_equal(
-            plan.times, flight.plan.times) or len(plan.powers) != len(flight.positions):
+            plan.times, flight.plan.times) or [*flight.logs] != [
+                uav.name for uav in plan.scenario.uavs]:
         raise OptionError(f'flight is of the plan {flight.plan.identity}; it must be of '
                           f'{plan.identity} or of a replan', ('flight',))
     measured = {uav.name: measure_errors(flight, index)
@@ -209,12 +211,19 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     # `revision` is the plan that was in force in `slots`.
     for revision, slots in flight.course.split_slots():
         promised[slots], flown = revision.promised_slots[slots], slots[covered[slots]]
-        for rates, chosen, state_at in (
-                (planned, slots, _make_planned_state(revision, slots)),
-                (achieved, flown, _make_flown_state(flight, revision, flown))):
-            for kind, find_rates in NODE_RATES.items():
-                means = mean_node_rates(revision.scenario, find_rates, state_at, chosen)
+        if revision.promised_until is not None or revision.scenario.has_tracks:
+            begins = revision.times[1:-1]
+            is_late = np.abs(flight.due_at(begins, revision) - begins) > PUNCTUAL
+            promised &= ~np.maximum.accumulate(is_late)
+        for kind, find_rates in NODE_RATES.items():
+            for rates, chosen, means in (
+                    (planned, slots, mean_node_rates(
+                        revision.scenario, find_rates, _make_planned_state(revision, slots),
+                        slots)),
+                    (achieved, flown, _find_flown_means(flight, revision, flown, find_rates))):
                 rates[kind][:, chosen] = revision.shares[:, chosen] * np.maximum(means, 0.0)
+    # In a short slot at a gap, a position between a known one and the gap may be needed.
+    covered &= np.isfinite(achieved['guaranteed']).all(axis=0)
     return Comparison(
         flight, {name: errors for name, (errors, _) in measured.items()},
         find_separation(flight), find_zone(flight), find_fence(flight), covered,
@@ -235,21 +244,35 @@ def _make_planned_state(plan: Plan, slots: NDArray[np.intp]
     return lambda times: (plan.curve.at(times).positions, plan.powers[:, slots], times)
 
 
-def _make_flown_state(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp]
-                      ) -> Callable[[Array], tuple[Array, Array, Array]]:
+def _find_flown_means(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp],
+                      find_rates: Callable[..., Array]) -> Array:
     """
-    Return a function of times with the flown positions (U, K, 2) [m] and powers (U, K) [W].
+    Return each node's mean rate over each of M flown slots, (G, M) in bit/s/Hz.
 
-    The powers are the planned ones if a log lacks them. The function's third value is the times
-    (K,) [s] of the receivers' places, which are the later the later the flight is.
+    Slots are divided where a power changes, since rates jump there. The powers are the planned
+    ones if a log lacks them. Receivers are where they are at the time that is due.
 
-    :param slots: indices (K,) of slots; time k [s from point 0] must lie in slot `slots[k]`.
+    :param slots: increasing indices (M,) of the slots.
     """
-    def find_state(times: Array) -> tuple[Array, Array, Array]:
+    scenario, means = plan.scenario, np.zeros((len(plan.shares), len(slots)))
+    step = scenario.slot_duration
+    edges = np.unique(np.concatenate(
+        [(slots + 1) * step, (slots + 2) * step, flight.find_power_changes()]))
+    middles, lengths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+    piece_slots = np.floor(middles / step).astype(int) - 1
+    is_flown = np.isin(piece_slots, slots)
+    middles, lengths, piece_slots = middles[is_flown], lengths[is_flown], piece_slots[is_flown]
+    for place, weight in GAUSS_LEGENDRE if len(slots) else ():
+        times = middles + place * lengths
         powers = flight.powers_at(times)
-        return (flight.at(times), plan.powers[:, slots] if powers is None else powers,
-                flight.due_at(times, plan))
-    return find_state
+        # The rates ignore the first and the last point, which are padding here.
+        rates = find_rates(
+            scenario, np.pad(flight.at(times), ((0, 0), (1, 1), (0, 0))),
+            plan.powers[:, piece_slots] if powers is None else powers,
+            times=flight.due_at(times, plan))
+        np.add.at(means.T, np.searchsorted(slots, piece_slots),
+                  (weight * lengths / step * rates).T)
+    return means
 
 
 def _find_covered(flight: FlownFlight) -> NDArray[np.bool_]:

@@ -5,15 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy
 
 from .alignment import find_delay, STEP_S
 from .flight import find_jumps, FlownFlight
 from ...mission.validation import Array, find_runs
 from ...model.curve import integrate_powers
+from ...plan.tracking import LONGEST_GAP
 
 _WINDOW_S = 0.5  # Accelerations are differences of velocities over this time.
 _MOVING = 0.05  # Share of the largest speed below which a plan hovers.
-_PROJECTIONS = 5  # Steps, each of at most 1 s, along the path to its nearest point.
+_PROJECTIONS = 3  # Newton steps along the path to its nearest point.
 _WH = 3600.0  # One watt-hour in J.
 
 
@@ -39,7 +41,7 @@ class UavErrors(NamedTuple):
     :ivar jumps_s: times at which the frame of the log jumps, from point 0.
     :ivar energy_j: energy by the model of propulsion along the flown path, in the time covered.
     :ivar planned_energy_j: energy of the plan by the same model.
-    :ivar battery_wh: energy taken from the battery.
+    :ivar battery_wh: energy taken from the battery, in the time covered.
     :ivar battery_factor: energy taken from the battery in units of `energy_j`.
     :ivar setpoint_error_rms_m: RMS distance of the autopilot's targets from the plan.
     """
@@ -74,7 +76,7 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
     flown, planned = flight.positions[index], flight.course.at(times).positions[index]
     distances = np.linalg.norm(flown[:, :2] - planned, axis=1)
     delay = find_delay(flown[:, :2], flight.course, index)
-    signed = _measure_cross_track(flight, index, delay)
+    signed = _measure_cross_track(flight, index)
     cross_track = np.abs(signed)
     error_max, error_max_time = _find_largest(distances, times)
     cross_max, cross_max_time = _find_largest(cross_track, times)
@@ -102,19 +104,20 @@ def measure_errors(flight: FlownFlight, index: int) -> tuple[UavErrors, Array]:
         setpoint_error_rms_m=_measure_setpoints(flight, index, planned)), cross_track
 
 
-def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array:
+def _measure_cross_track(flight: FlownFlight, index: int) -> Array:
     """
     Return the cross-track errors of a UAV at flight.times, (K,) in m; NaN in gaps.
 
     Each is the distance from the nearest point of the planned path, positive on its left. That
-    point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, from t - delay,
-    each of at most 1 s. While the plan hovers, the error is the distance from the hovering point.
-
-    :param delay: time [s] by which the UAV is behind its plan, or NaN, taken as 0.
+    point is found by Newton steps in time, t + (offset . velocity) / |velocity|^2, each of at most
+    STEP_S, from the nearest of points STEP_S apart. Where the plan hovers, the error is the
+    distance from the hovering point.
     """
     flown = np.nan_to_num(flight.positions[index, :, :2])
     max_speed = flight.plan.scenario.uavs[index].max_speed
-    times = flight.times - np.nan_to_num(delay)
+    samples = np.arange(flight.course.begin, flight.course.end + STEP_S, STEP_S)
+    path = flight.course.at(samples).positions[index]
+    times = samples[scipy.spatial.cKDTree(path).query(flown)[1]]
     for number in range(_PROJECTIONS + 1):
         motion = flight.course.at(times)
         offsets = flown - motion.positions[index]
@@ -123,7 +126,7 @@ def _measure_cross_track(flight: FlownFlight, index: int, delay: float) -> Array
         is_moving = squares > (_MOVING * max_speed)**2
         if number < _PROJECTIONS:
             ahead = (offsets * velocity).sum(axis=1) / np.maximum(squares, 1e-9)
-            times = times + np.where(is_moving, np.clip(ahead, -1.0, 1.0), 0.0)
+            times = times + np.where(is_moving, np.clip(ahead, -STEP_S, STEP_S), 0.0)
     headings = motion.headings[index]
     sides = offsets[:, 1] * np.cos(headings) - offsets[:, 0] * np.sin(headings)
     sides = np.where(is_moving, sides, np.copysign(np.linalg.norm(offsets, axis=1), sides))
@@ -149,12 +152,12 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
 
 
 def _measure_battery(flight: FlownFlight, index: int) -> float:
-    """Return the energy [J] taken from the battery between first and last covered time, or NaN."""
-    log = flight.logs[flight.plan.scenario.uavs[index].name]
-    clock = flight.clocks[index][flight.covered[index]]
-    if log.battery is None or not len(clock):
+    """Return the energy [J] taken from the battery in the covered time, NaN if unknown."""
+    log, covered = flight.logs[flight.plan.scenario.uavs[index].name], flight.covered[index]
+    is_step = covered[1:] & covered[:-1]
+    if log.battery is None or not is_step.any():
         return math.nan
-    return float(np.diff(np.interp(clock[[0, -1]], *log.battery))[0])
+    return float(np.diff(np.interp(flight.clocks[index], *log.battery))[is_step].sum())
 
 
 def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float:
@@ -165,6 +168,8 @@ def _measure_setpoints(flight: FlownFlight, index: int, planned: Array) -> float
     times, positions = log.setpoints
     targets = np.stack([np.interp(clock, times, column, np.nan, np.nan)
                         for column in positions.T], axis=-1)
+    step = np.append(np.diff(times), 0.0)  # After each setpoint.
+    targets[step[np.maximum(np.searchsorted(times, clock, 'right') - 1, 0)] > LONGEST_GAP] = np.nan
     return _compute_rms(np.linalg.norm(targets - planned, axis=1))
 
 

@@ -81,25 +81,42 @@ class FlownFlight:
             rows.append(np.where(last < 0, 0.0, watts[np.maximum(last, 0)]))
         return np.stack(rows)
 
+    def find_power_changes(self) -> Array:
+        """Return the times (C,) [s] from point 0 at which the power set for a UAV changes."""
+        changes = [np.zeros(0)]
+        for log, clock in zip(self.logs.values(), self.clocks, strict=True):
+            known = np.isfinite(clock)
+            if log.powers is not None and known.any():
+                set_times, watts = log.powers
+                changes.append(np.interp(set_times[1:][np.diff(watts) != 0], clock[known],
+                                         self.times[known]))
+        return np.concatenate(changes)
+
     def due_at(self, times: Array, plan: Plan) -> Array:
         """
         Return the times (K,) [s] that were due, by a plan, at the flight's times (K,) [s].
 
         Receivers that move are where they are at the time that is due. It differs from the
-        flight's time in a flight by 'plan_time' that pauses, is late, or has another playback
-        speed.
+        flight's time in a flight that pauses, is late, or has another playback speed. In a flight
+        by 'takeoff' or 'fit' it counts if it differs by 1 s, since vehicles lag behind their plan,
+        and by less than the plan's duration: a log of another day has another clock.
 
         :param plan: the plan in force at these times.
         """
         times, log = checked_array('times', times, (None,)), next(iter(self.logs.values()))
         checked_kind('plan', plan, Plan)
-        if self.time_from != 'plan_time' or log.plan_times is None:
+        if plan.start_ns is not None and log.utc_offset is not None:
+            begin = plan.start_ns * 1e-9 - log.utc_offset
+        elif self.time_from == 'plan_time' and log.plan_times is not None:
+            begin = float(np.subtract(*log.plan_times)[0])
+        else:
             return times
-        clock, flown = log.plan_times
-        begin = (clock[0] - flown[0] if plan.start_ns is None or log.utc_offset is None else
-                 plan.start_ns * 1e-9 - log.utc_offset)
-        return np.asarray(plan.promise_speed * (
+        due = np.asarray(plan.promise_speed * (
             np.interp(times, self.times, self.clocks[0]) - begin - plan.promise_delay))
+        late = np.abs(due - times)
+        counts = (self.time_from in ('plan_time', 'utc')) | (
+            (late > 1.0) & (late < plan.scenario.duration))
+        return np.where(counts, due, times)
 
     def __repr__(self) -> str:
         return (f'<FlownFlight of {len(self.positions)} UAVs: time from {self.time_from}, '
@@ -143,7 +160,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
             doubts += _doubt_shift(group, members, course, uavs, shift, time_from)
             for name, log, uav in zip(group, members, uavs, strict=True):
                 shift_of[name] = shift
-                clocks.append(find_clock(log, shift, time_from, times))
+                clocks.append(find_clock(log, shift, time_from, times, course.last))
                 if name not in placed:
                     check_place(log, clocks[-1], times, course, uav, time_from)
     if not recording.is_shared and time_from in ('takeoff', 'fit'):

@@ -32,18 +32,23 @@ def read_ulog(path: str | os.PathLike[str]) -> VehicleLog:
     for name in ('xy_valid', 'z_valid'):
         valid &= np.asarray(local.get(name, valid), bool)
     velocities = _to_enu(local, 'vx', 'vy', 'vz')[valid, :2] if 'vx' in local else None
-    positions, reference = _join_frames(local, _to_enu(local, 'x', 'y', 'z'))
+    told = _to_enu(local, 'x', 'y', 'z')
+    positions, reference = _join_frames(local, told)
     setpoints = topics.get('trajectory_setpoint')
     # Older versions of PX4 have the columns x, y, z instead of position.
     if setpoints is not None and 'x' not in setpoints:
         setpoints = {**setpoints, **{
             name: setpoints[f'position[{index}]'] for index, name in enumerate('xyz')}}
+    targets = None
+    if setpoints is not None:  # A setpoint is in the frame of the last position before it.
+        asked = setpoints['timestamp'] * _US
+        last = np.maximum(np.searchsorted(times, asked, 'right') - 1, 0)
+        targets = asked, (_to_enu(setpoints, 'x', 'y', 'z') + (positions - told)[last])[:, :2]
     return VehicleLog(
         times[valid], positions[valid], velocities, _find_utc_offset(topics), reference,
         _find_jumps(local, times),
         battery=_integrate_battery(topics.get('battery_status')),
-        setpoints=None if setpoints is None else (
-            setpoints['timestamp'] * _US, _to_enu(setpoints, 'x', 'y', 'z')[:, :2]),
+        setpoints=targets,
         notes=_describe_offboard(topics.get('vehicle_status')))
 
 
@@ -55,13 +60,14 @@ def _to_enu(data: Any, *names: str) -> Array:
 
 def _join_frames(local: Any, positions: Array) -> tuple[Array, tuple[float, float] | None]:
     """
-    Return `positions` (K, 3) [m], moved in place into the first frame with a valid reference.
+    Return positions (K, 3) [m], moved into the first frame with a valid reference.
 
     The second result is the reference of this frame, (latitude, longitude) in degrees. Without a
     valid reference it is None, and nothing is moved.
     """
     if 'ref_lat' not in local:
         return positions, None
+    positions = positions.copy()
     references = np.stack([local['ref_lat'], local['ref_lon']], axis=-1).astype(float)
     valid = np.isfinite(references).all(axis=1) & (np.asarray(local['ref_timestamp']) > 0)
     if not valid.any():

@@ -200,6 +200,11 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
 
 
+def has_free_space_links(scenario: Scenario) -> bool:
+    """Return whether every gain is a constant / (d^2 + H^2), also for a channel of one's own."""
+    return type(make_link(scenario, 'ground_node')) is FreeSpace
+
+
 def sight_radii(scenario: Scenario) -> Array:
     """
     Return the largest horizontal distances at which helpful links have a line of sight, (U,) in m.

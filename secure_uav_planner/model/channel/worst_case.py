@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from .links import make_link, PathLoss
+from .links import FreeSpace, make_link, PathLoss
 from .rates import (
     bound_sinrs, checked_flight, combine_leaks, convert_sinr, find_node_rates, find_rate_scale,
     find_receivers, guaranteed_node_rates)
 from ..kernel import core
+from ...errors import OptionError
 from ...mission.scenario import Array, Scenario
 from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind
@@ -181,10 +182,15 @@ def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
     :param radii: (N, E) in m.
     :param offsets: horizontal offsets of the UAVs from the centres, (U, N, E, 2) in m.
     :param powers: (U, N) in W.
+    :raises OptionError: for a channel of one's own, whose largest leak the kernel cannot prove.
     """
     uavs, slots, eves = offsets.shape[:3]
     link = make_link(scenario, 'eavesdropper').for_receivers(
         np.tile(scenario.receiver_advantages, slots))
+    if type(link) is not FreeSpace and not isinstance(link, PathLoss):
+        raise OptionError(f'the worst case in a disc is proven for links of the classes FreeSpace '
+                          f'and PathLoss, and these are {type(link).__name__}: use the '
+                          'guaranteed rate')
     offsets, powers = offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1)
     snr = np.broadcast_to(link.reference_snr, (uavs, slots * eves))
     discs: dict[str, Any] = {name: np.ascontiguousarray(values) for name, values in {

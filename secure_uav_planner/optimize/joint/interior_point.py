@@ -72,7 +72,7 @@ class InteriorPointSolver:
 
     def rates(self) -> Array:
         """
-        Return min over nodes of (offset + mean rate) / weight, (S,) in units of grid.rate.
+        Return min over nodes of (offset + mean rate) / weight, (S,), in units of the grid.
 
         Negative rates of slots are replaced by 0. A start with an energy that may exceed its limit
         has the rate 0.

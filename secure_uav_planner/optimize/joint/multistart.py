@@ -40,7 +40,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
 
     Starts take Newton steps, polish and hop on a coarse grid. The best are finished on the full
     grid, and the status is 'converged' if any start converges there. A rate r [bit/s/Hz] of an
-    incumbent is r * log(2) / grid.rate in the units of solvers.
+    incumbent is r * log(2) * grid.weight / grid.rate in the units of solvers.
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
@@ -61,7 +61,7 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
     in_best = (rates > (1 - MULTISTART.distinct) * rates.max()).mean()
     agreed = in_best >= MULTISTART.agreed and (
         counts_sights or (1 - MULTISTART.gap) * rates.max() > np.log(2) * (
-            baseline.rate / grid.rate + MULTISTART.close))
+            baseline.rate * grid.weight / grid.rate + MULTISTART.close))
     if not agreed:
         with suppress(*_FAILURES):
             for more_x, mu in batches:
@@ -92,7 +92,8 @@ def improve_by_multistart(driver: SolverDriver) -> Status:
         with suppress(*_FAILURES):
             for share in search.polish_mus:
                 if incumbent.rate > 0:
-                    improve_incumbent(driver, share * np.log(2) * incumbent.rate / grid.rate)
+                    mu = share * np.log(2) * incumbent.rate * grid.weight / grid.rate
+                    improve_incumbent(driver, mu)
     return 'converged' if fine.finished.any() else status
 
 
@@ -111,7 +112,7 @@ def improve_powers(incumbent: Incumbent, least: float = 0.0) -> Status:
     The flights are fixed. One start has the incumbent's powers. Each other start has the powers
     of limit_powers, with the jammers' powers scaled by one of MULTISTART.levels.
 
-    :param least: mean rate in units of grid.rate. If no start reaches it on a coarse grid, the
+    :param least: rate in the units of solvers. If no start reaches it on a coarse grid, the
         search ends there as 'converged'.
     :raises NumericalError: when no step can be computed from any start.
     """
@@ -221,11 +222,12 @@ def _hop(driver: SolverDriver, grid: Grid, x: Array, rates: Array,
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
     """Improve the baseline's powers, and let the incumbent try the baseline."""
     with suppress(*_FAILURES):
-        unit = incumbent.problem.grid.rate
+        grid = incumbent.problem.grid
         # Powers are finished if their rate on a coarse grid is below the incumbent's by at most a
         # share of the rate plus an absolute term, both MULTISTART.close.
         improve_powers(baseline, np.log(2) * (
-            (1 - MULTISTART.close) * incumbent.rate / unit - MULTISTART.close))
+            (1 - MULTISTART.close) * incumbent.rate * grid.weight / grid.rate
+            - MULTISTART.close))
         baseline.try_idle_slots()
     incumbent.try_improve(baseline.positions, baseline.powers)
 

@@ -84,6 +84,8 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     """
     Return estimates of C starts' least over nodes of mean rate / weight, powers and a mask.
 
+    Weights are in units of grid.weight.
+
     An estimate is an upper bound by _bound_least_rates for the N slots of the grid.
 
     :param flights: flights through the visits, (C, U, N+2, 2) in m.
@@ -104,7 +106,7 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     # Rates are at least `lacks`: for a node without a positive rate this is lack * 2^(best rate),
     # which rises with its negative best rate.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
-    rates = np.maximum(rates, lacks) / scenario.node_weights[:, None, None]
+    rates = np.maximum(rates, lacks) * (grid.weight / scenario.node_weights)[:, None, None]
     return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, delivers
 
 
