@@ -186,4 +186,9 @@ def test_a_plan_is_flown_as_soon_as_somebody_reports_it_and_not_before(client):
         with node_process(ROOT / 'examples/ros/report_time.py'):
             wait_for(lambda: client.status.replans > 0, what='a replan')
             wait_for(lambda: client.status.track.state == 'flying')
+            # A plan that begins later is not reported before its time.
+            count, stamp = len(client.statuses), client.status.plan.stamp
+            assert client.call('planner/plan').success
+            wait_for(lambda: client.status.plan.stamp > stamp and client.status.plan.age > 1.0)
+            assert {status.track.state for status in client.statuses[count:]} == {'flying'}
         wait_for(lambda: 'is silent' in client.statuses[-1].text)

@@ -268,12 +268,15 @@ def test_a_plan_back_begins_after_the_flight_at_its_own_time_and_not_in_a_pause(
     assert is_paused or bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late(plan):
+def test_a_plan_that_comes_after_its_begin_is_refused_and_one_that_waits_stays(plan):
     bench = start_flight(plan, 30.0)
-    next_plan = plan_continuation(bench, plan, 0.2)
+    next_plan, waiting = (plan_continuation(bench, plan, ahead) for ahead in (0.2, 6.0))
+    assert bench.player.load(waiting)
     bench.run(0.6)
     assert not bench.player.load(next_plan)
     assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
+    bench.run(15.0)
+    assert bench.player.playback.plan is waiting and len(bench.refused) == 1
 
 
 def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):

@@ -22,6 +22,7 @@ from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from simulation import SimulatedTime
 from std_msgs.msg import Float64, String
+from studies.flown.missions import limit_acceleration
 from test_security import lone_node
 
 
@@ -118,10 +119,32 @@ def test_autostart_begins_neither_a_late_plan_nor_a_replan_of_one_that_is_paused
         send(client, replace(plan, powers=plan.powers * 0.5), start_ns)
         wait_for(lambda: got(process) == 3)
         assert not client.call('replay/pause').success
-        # Another flight, from where the setpoints rest.
+        # Another flight, from where the setpoints rest: a pause ends by ~/start or ~/reset alone.
         send(client, plan, start_ns + 10**9)
         wait_for(lambda: got(process) == 4)
+        assert not client.call('replay/pause').success
+        assert client.call('replay/start').success
+        send(client, plan, start_ns + 2 * 10**9)
+        wait_for(lambda: got(process) == 5)
         assert client.call('replay/pause').success
+
+
+def test_autostart_judges_the_time_of_a_plan_once_simulated_time_is_known(client, plan):
+    with node_here('replay', autostart='true', use_sim_time='true') as process:
+        send(client, plan, 400 * 10**9)
+        wait_for_line(process, 'simulated time is not known yet; publish /clock')
+        assert not client.call('replay/start').success
+        with SimulatedTime(client, start=500.0):
+            wait_for_line(process, 'is not started: its time has passed; ~/start plays it')
+
+
+def test_a_flight_whose_promise_has_ended_is_not_promised_again_at_its_end(client, poses, file):
+    plan = fly_hover_fly(limit_acceleration(Scenario.paper(120.0, slots=60), 3.0))
+    replace(plan, promised_until=10.0).save(file)
+    with node_here('replay', plan_file=file, speed=50.0, autostart='true') as process:
+        wait_for_line(process, 'end of the plan')
+        assert has_said(process, 'is not promised; powers are sent')
+        assert not has_said(process, 'promised again')
 
 
 def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, poses, plan):

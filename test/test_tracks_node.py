@@ -27,6 +27,7 @@ from secure_uav_planner.ros.planner.replan import Remainder
 from secure_uav_planner.ros.planner.request import make_request, StartTime
 from secure_uav_planner.ros.planner.solver import Job
 from simulation import SimulatedTime, Simulation
+from studies.flown.missions import limit_acceleration
 
 NOISE = 5.0  # m along each axis, of measurements
 PERIOD = 0.5  # s apart.
@@ -98,6 +99,23 @@ def test_a_promise_has_the_least_discs_of_receivers_to_its_horizon_and_a_flight_
         flight = Flight(playback, at + early, time_scale)
         assert flight.lateness(NOW + (at - time) / time_scale) == pytest.approx(
             0.0 if flight.state == 'waiting' else -early, abs=1e-6)
+
+
+@pytest.mark.parametrize('time_scale', [0.5, 1.0, 2.0])
+def test_a_new_plan_is_promised_at_the_playback_speed_of_the_flight_that_it_continues(time_scale):
+    moving = odometry_message(200.0, -300.0, (0.0, 5.0), stamp=stamp_at(NOW))
+    book, settings = book_with(moving, **{
+        'duration': 120.0, 'slots': 60, 'start_delay': 8.0,
+        **dict.fromkeys(('uav1.max_acceleration', 'uav2.max_acceleration'), 3.0)})
+    flown = fly_hover_fly(limit_acceleration(Scenario.paper(120.0, slots=60), 3.0))
+    flight = Flight(Playback(replace(flown, start_ns=round(NOW * 1e9))), 20.0, time_scale)
+    start = StartTime.from_settings(settings, round(NOW * 1e9), flight)
+    request = make_request(settings, book, start, [None, None], flight)
+    plan = Playback(request.date(fly_hover_fly(request.scenario), round(NOW * 1e9)))
+    assert plan.begin_ns == start.effect_ns and plan.begin == -1.0
+    for since in (0.1, 10.0, 30.0):  # Seconds since the first setpoint.
+        flight = Flight(plan, plan.begin + time_scale * since, time_scale)
+        assert flight.lateness(start.effect_ns * 1e-9 + since) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_that_a_receiver_is_faster_than_its_max_speed_is_told_once(client):

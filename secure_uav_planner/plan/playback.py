@@ -71,12 +71,11 @@ class Playback:
                       self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0],
                       self.shares_at([time])[:, 0])
 
-    def find_unpromised_slot(self, time: float) -> int:
-        """Return the number, 1 to N, of the unpromised slot at a time [s], 0 if it is in none."""
+    def find_slot(self, time: float) -> int:
+        """Return the number, 1 to N, of the slot at a time [s], 0 if it is in none."""
         time = check_argument('time', time, TIME)
         slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
-        is_slot = 1 <= slot <= self.plan.scenario.slots
-        return slot if is_slot and not self.plan.promised_slots[slot - 1] else 0
+        return slot if 1 <= slot <= self.plan.scenario.slots else 0
 
     def shares_at(self, times: ArrayLike) -> Array:
         """

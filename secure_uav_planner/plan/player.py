@@ -122,8 +122,11 @@ class Player:
             self._revise(_make_flight(new, flight.time, flight.time_scale))
         else:
             ahead = ((new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
-            self._pending = new, flight.time + flight.time_scale * max(0.0, ahead)
+            waiting, splice_time = self._pending, flight.time + flight.time_scale * max(0.0, ahead)
+            self._pending = new, splice_time
             self._splice(0.0, f'it came {-ahead:.2f} s too late: ' if ahead < 0 else '')
+            if self._refusal and not self.ended:  # A refused plan leaves the pending one.
+                self._pending = waiting
         return not self._refusal
 
     def refuse(self, reason: str) -> None:

@@ -205,8 +205,12 @@ class Request:
         the rates of all ground nodes are negative.
         """
         start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
-        if until is None or self.start.delay:
-            return replace(plan, start_ns=start_ns, promised_until=until)
+        if until is None:
+            return replace(plan, start_ns=start_ns, promised_until=None)
+        if self.start.delay:
+            return replace(plan, start_ns=start_ns, promised_until=until,
+                           promise_speed=self.clock.time_scale,
+                           promise_delay=self.clock.clock - start_ns * 1e-9)
         start_ns += round(_RELEASE_S * 1e9)
         # Time [s] by which point 0 is later than the prediction took it to be.
         later = start_ns * 1e-9 - self.clock.clock
@@ -253,8 +257,12 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
             for index, (uav, state) in enumerate(
                 zip(settings.uavs.values(), states, strict=True))]
     # Without a start_delay, receivers are predicted as if the solve took no time; see `date`.
-    clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
-        0.0 if start.delay else _RELEASE_S))
+    later, time_scale = _RELEASE_S, 1.0  # By how many s point 0 is flown after point_0_ns.
+    if start.delay:
+        # A new plan is flown on at the playback speed of the flight, from its first setpoint on.
+        time_scale = flight.time_scale if flight and flight.state == 'flying' else 1.0
+        later = start.lead_in * (1 / time_scale - 1)
+    clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + later, time_scale)
     end = settings.duration * (settings.slots + 1) / settings.slots  # Point N+1 [s].
     receivers = predict_receivers(settings, poses, asked, clock, end)
     return Request(

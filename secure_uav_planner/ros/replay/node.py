@@ -114,7 +114,10 @@ class Replay(WorkingNode):
         self._refusal = ''  # Why no plan of the topic is used.
         self._warnings = WarningLog(self.get_logger())
         self._reader = PlanReader(self.post, self._take, self._refuse)
+        # A plan, and its frame, that came before simulated time was known.
+        self._undated: tuple[Plan, str] | None = None
         self._stops = 0  # Calls of ~/pause and ~/reset.
+        self._is_paused = False  # Whether ~/pause was called since the last ~/start or ~/reset.
         self._make_interface()
         if plan is not None:
             self._adopt(plan, self._frame_id)
@@ -158,7 +161,15 @@ class Replay(WorkingNode):
     # Plans
 
     def _take(self, plan: Plan, frame_id: str) -> None:
-        """Adopt a plan, or refuse it for other UAVs or for another frame than the stream's."""
+        """
+        Adopt a plan, or refuse it for other UAVs or for another frame than the stream's.
+
+        While simulated time is not known, nobody can tell how late a plan is, so it is kept.
+        """
+        if not self.get_clock().now().nanoseconds:
+            self._undated = plan, frame_id
+            self._refuse('simulated time is not known yet; publish /clock')
+            return
         names = [uav.name for uav in plan.scenario.uavs]
         if names != self._uavs:
             self._refuse(f'it is for {quote(names)}, and uavs is {quote(self._uavs)}')
@@ -192,8 +203,9 @@ class Replay(WorkingNode):
         before = self._player.playback
         if self._player.load(plan):
             self._frame_id = frame_id
-            # A revision of the present flight keeps its state, playing or paused.
-            autostarts = self._settings.autostart and (
+            # A revision of the present flight keeps its state, playing or paused. A plan that
+            # comes after ~/pause waits for ~/start, too.
+            autostarts = self._settings.autostart and not self._is_paused and (
                 before is None or before.plan.start_ns != plan.start_ns)
             is_late = not self._settings.plan_file and (
                 self.get_clock().now().nanoseconds - (plan.start_ns or 0) > _LATE * 1e9)
@@ -224,6 +236,7 @@ class Replay(WorkingNode):
     def _start(self) -> str:
         """Release the plan, return in words what follows; raise OptionError if none can begin."""
         player, now = self._player, self.get_clock().now().nanoseconds
+        self._is_paused = False
         player.start([None if isinstance(place, str) else place for place in self._places(now)],
                      self._settings.start_tolerance)
         self._release = Release(now)
@@ -257,11 +270,13 @@ class Replay(WorkingNode):
     def _on_pause(self) -> tuple[bool, str]:
         self._stops += 1
         is_paused = self._player.pause()
+        self._is_paused |= is_paused
         self._on_tick()
         return is_paused, 'paused' if is_paused else 'nothing is playing'
 
     def _on_reset(self) -> tuple[bool, str]:
         self._stops += 1
+        self._is_paused = False
         self._player.reset()
         return True, 'back at the start'
 
@@ -274,6 +289,9 @@ class Replay(WorkingNode):
         longest = (_LONGEST_SIMULATED_TICK if is_simulated(self)
                    else self._ticked - before + _CLOCK_ERROR)
         now, player = clock.nanoseconds, self._player
+        if now and self._undated is not None:
+            undated, self._undated = self._undated, None
+            self._take(*undated)
         if not player.streaming:
             self._streamed = 0
             if player.playing and (waits := self._release.update(self._unmet_conditions(now))):
@@ -353,16 +371,17 @@ class Replay(WorkingNode):
 
     def _log_promise(self) -> None:
         """Log when the flight enters slots that are not promised, and when it leaves them."""
-        flight, identity = self._flight, self._flight.playback.plan.identity
-        # Number of the present slot if it is not promised; 0 in any other slot or outside slots.
-        slot = flight.playback.find_unpromised_slot(flight.time)
-        if slot and self._is_promised:
-            self.get_logger().warning(f'slot {slot} of plan {identity} is not promised; ' + (
+        flight, plan = self._flight, self._flight.playback.plan
+        slot = flight.playback.find_slot(flight.time)
+        if not slot or plan.promised_slots[slot - 1] == self._is_promised:
+            return
+        self._is_promised = not self._is_promised
+        if self._is_promised:
+            self.get_logger().info(f'the rates of plan {plan.identity} are promised again')
+        else:
+            self.get_logger().warning(f'slot {slot} of plan {plan.identity} is not promised; ' + (
                 'no power is sent' if self._settings.mute_unpromised else
                 'powers are sent all the same, unless mute_unpromised is set'))
-        elif not slot and not self._is_promised and flight.is_under_way:
-            self.get_logger().info(f'the rates of plan {identity} are promised again')
-        self._is_promised = not slot
 
     def _announce_end(self) -> None:
         """Log what was delivered; play again if `loop` is set."""
