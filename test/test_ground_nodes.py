@@ -119,6 +119,21 @@ def test_a_common_factor_of_the_weights_changes_no_plan(factor):
     assert plan.rate > 0.1 and scaled.rate * factor == pytest.approx(plan.rate, rel=1e-9)
 
 
+def test_a_head_start_that_all_nodes_have_changes_no_plan_and_one_of_a_node_is_used():
+    mission = make_mission([GroundNode((0.0, 0.0)), GroundNode((-200.0, 100.0), weight=2.0),
+                            GroundNode((150.0, -250.0))], slots=24)
+    iterations = []
+    plan = solve(mission)
+    ahead = solve(replace(mission, head_starts=64 * mission.duration * mission.node_weights),
+                  on_iteration=iterations.append)
+    assert plan.rate > 0.1 and ahead.rate - 64.0 == pytest.approx(plan.rate, rel=1e-9)
+    assert iterations[-1].rate == ahead.history[-1].rate == pytest.approx(ahead.rate)
+    # A node with all that it can get leaves the time to the others.
+    helped = solve(replace(mission, head_starts=(0.0, 0.0, 1e6)))
+    others = solve(replace(mission, ground_nodes=mission.ground_nodes[:2]))
+    assert helped.rate > 0.99 * others.rate > 1.05 * plan.rate
+
+
 @pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
 def test_the_order_of_the_nodes_changes_nothing(objective):
     nodes = [GroundNode((40, 160), 'a', 2.0), GroundNode((-90, -20), 'b', trusted=False),
@@ -149,9 +164,12 @@ def test_estimates_of_visits_are_close_bounds_of_what_shares_can_give():
     for nodes in (2, 3, 4, 5, 6) * 8:
         rates = np.maximum(rng.normal(size=(nodes, 24)), 1e-3)
         rates *= 10.0**rng.uniform(-2, 0, (nodes, 1))
-        shares = find_shares(make_mission([(50 * node, 0) for node in range(nodes)]), rates)
-        best = (shares * rates).mean(axis=1).min()
-        ratios.append(visit_search._bound_least_rates(rates[None])[0] / best)
+        mission = make_mission([(50 * node, 0) for node in range(nodes)])
+        offsets = rng.choice([0.0, 0.3]) * rng.random(nodes)
+        shares = find_shares(
+            replace(mission, head_starts=tuple(offsets * mission.duration)), rates)
+        best = (offsets + (shares * rates).mean(axis=1)).min()
+        ratios.append(visit_search._bound_least_rates(rates[None], offsets)[0] / best)
     assert min(ratios) > 1 - 1e-6
     assert np.median(ratios) < 1.1
 

@@ -33,6 +33,7 @@ class Incumbent:
     :param deadline: deadline of the call, to which every Iteration is reported.
     :param warm: whether the start is an earlier plan.
     :param objective: the rate to be raised.
+    :param common_start: addition to reported rates, which the scenario leaves out [bit/s/Hz].
     :param parent: enclosing incumbent, which makes the reports; None for the outermost one.
     :ivar rate: rate of the present iterate [bit/s/Hz]; -infinite if it takes too much energy.
     :ivar shares: fraction of each slot for each ground node in the present iterate, (G, N).
@@ -40,7 +41,8 @@ class Incumbent:
 
     def __init__(self, problem: Problem, positions: Array, powers: Array,
                  deadline: Deadline | None = None, warm: bool = False,
-                 objective: Objective = 'guaranteed', parent: 'Incumbent | None' = None) -> None:
+                 objective: Objective = 'guaranteed', parent: 'Incumbent | None' = None,
+                 common_start: float = 0.0) -> None:
         self.problem = problem
         self.scenario = problem.scenario
         self.objective: Objective = objective
@@ -48,7 +50,7 @@ class Incumbent:
         self.solver_time: float = 0.0 if parent is None else parent.solver_time
         self.history: list[Iteration] = []
         self.deadline = Deadline() if deadline is None else deadline
-        self._parent = parent
+        self._parent, self._common_start = parent, common_start
         self.positions = positions
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self.rate = powers, -math.inf
@@ -161,8 +163,9 @@ class Incumbent:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
             return
-        iteration = Iteration(len(self.history), step, max(self.rate, 0.0),
-                              self.deadline.elapsed, self.solver_time)
+        iteration = Iteration(
+            len(self.history), step, max(self.rate, 0.0) + self._common_start,
+            self.deadline.elapsed, self.solver_time)
         self.history.append(iteration)
         self.deadline.report(iteration)
 
@@ -175,7 +178,7 @@ class Incumbent:
         """Try idle slots if time is left; return a Plan that is silent in slots of rate 0."""
         if not self.deadline.poll():
             self.try_idle_slots()
-        if self.rate > self.history[-1].rate:
+        if self.rate + self._common_start > self.history[-1].rate:
             self.report(self.history[-1].step)
         return Plan(self.scenario, self.positions, self.useful_powers, method, status,
                     tuple(self.history), self.deadline.elapsed,

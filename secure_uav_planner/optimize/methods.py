@@ -8,7 +8,7 @@ from . import joint
 from .deadline import Deadline, OnIteration, run_to_end
 from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
-from .node_order import order_nodes, reorder_nodes, restore_nodes
+from .node_order import find_common_start, order_nodes, reorder_nodes, restore_nodes
 from ..errors import (
     FieldPath, format_path, name_missing_package, OptionError, PlanningError, quote)
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
@@ -77,7 +77,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
         _check_scope(scenario)
         with name_missing_package():
             from .alternating import alternate  # Here, because CVXPY takes a second to import.
-    # Nodes are planned in a canonical order, so that a plan does not depend on the scenario's.
+    # Nodes are planned in a canonical order, so that a plan does not depend on the scenario's, and
+    # without a common head start.
     order = order_nodes(scenario)
     problem = Problem(reorder_nodes(scenario, order))
     deadline = _build_deadline(problem, on_iteration, time_limit)
@@ -88,7 +89,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
     if positions is None:
         positions = baseline = fly_hover_fly_positions(problem, deadline.raise_if_over)
     incumbent = Incumbent(problem, positions, powers, deadline, warm=initial is not None,
-                          objective=objective)
+                          objective=objective, common_start=find_common_start(scenario))
     if method == 'joint':
         status = joint.improve(incumbent)
         if initial is not None and initial.scenario != scenario:

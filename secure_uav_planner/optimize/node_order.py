@@ -1,4 +1,9 @@
-"""The order of the ground nodes for the methods: plans do not depend on how they are listed."""
+"""
+The ground nodes for the methods: plans do not depend on how they are listed or on a common start.
+
+Methods judge rates relative to the best rate. A head start that all nodes have would hide the
+differences between plans, so it is left out.
+"""
 
 from dataclasses import replace
 import math
@@ -32,17 +37,28 @@ def order_nodes(scenario: Scenario) -> list[int]:
     return sorted(range(len(grounds)), key=find_key)
 
 
+def find_common_start(scenario: Scenario) -> float:
+    """Return the least head start of a ground node over its weight, in bit/s/Hz."""
+    return float((scenario.node_offsets / scenario.node_weights).min())
+
+
 def reorder_nodes(scenario: Scenario, order: list[int]) -> Scenario:
-    """Return a scenario with its ground nodes in an order of indices; itself if it is sorted."""
-    if order == sorted(order):
+    """
+    Return a scenario with its ground nodes in an order of indices, without their common start.
+
+    The scenario itself is returned if its order is sorted and there is no common start.
+    """
+    common = find_common_start(scenario) * scenario.duration
+    if order == sorted(order) and not common:
         return scenario
-    nodes, head_starts = scenario.ground_nodes, scenario.head_starts
-    return replace(scenario, ground_nodes=tuple(nodes[number] for number in order),
-                   head_starts=tuple(head_starts[number] for number in order if head_starts))
+    head_starts = scenario.head_starts and tuple(np.maximum(
+        np.array(scenario.head_starts) - common * scenario.node_weights, 0.0)[order].tolist())
+    return replace(scenario, head_starts=head_starts, ground_nodes=tuple(
+        scenario.ground_nodes[number] for number in order))
 
 
 def restore_nodes(plan: Plan, scenario: Scenario, order: list[int]) -> Plan:
-    """Return the plan of a reordered scenario as a plan of `scenario`, with its order of nodes."""
-    if order == sorted(order):
+    """Return the plan of reorder_nodes as a plan of `scenario`, with its order of nodes."""
+    if plan.scenario is scenario:
         return plan
     return replace(plan, scenario=scenario, shares=plan.shares[np.argsort(order)])

@@ -107,7 +107,8 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     # which rises with its negative best rate.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
     rates = np.maximum(rates, lacks) * (grid.weight / scenario.node_weights)[:, None, None]
-    return _bound_least_rates(np.moveaxis(rates, 0, 1)), power, delivers
+    offsets = scenario.node_offsets * (grid.weight / scenario.node_weights)
+    return _bound_least_rates(np.moveaxis(rates, 0, 1), offsets), power, delivers
 
 
 def _join(values: Array) -> Array:
@@ -115,24 +116,26 @@ def _join(values: Array) -> Array:
     return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1, *values.shape[3:])
 
 
-def _bound_least_rates(rates: Array) -> Array:
+def _bound_least_rates(rates: Array, offsets: Array) -> Array:
     """
-    Return upper bounds (C,) of the least mean rates that shares of slots can give.
+    Return upper bounds (C,) of the least sums of offset and mean rate that shares can give.
 
     For any prices p_g >= 0 of the nodes with sum 1, the mean over slots n of max_g p_g rate_g[n]
-    is a bound. Each round takes the shares that attain this maximum, and lowers the prices of
-    nodes with large mean rates at these shares. The least bound of all rounds is returned.
+    plus the sum of p_g offset_g is a bound. Each round takes the shares that attain this maximum,
+    and lowers the prices of nodes with large sums at these shares. The least bound of all rounds
+    is returned.
 
     :param rates: rate over weight of each node in each slot, positive, (C, G, N).
+    :param offsets: head start over weight of each node's mean rate, (G,).
     """
-    prices = 1 / rates.mean(axis=-1)
+    prices = 1 / (offsets + rates.mean(axis=-1))
     prices /= prices.sum(axis=1, keepdims=True)
     bounds = np.full(len(rates), np.inf)
     for number in range(VISIT_SEARCH.rounds):
         priced = prices[..., None] * rates
         most = priced.max(axis=1, keepdims=True)
-        bounds = np.minimum(bounds, most.mean(axis=-1)[:, 0])
-        gains = np.where(priced >= most, rates, 0.0).mean(axis=-1)
+        bounds = np.minimum(bounds, most.mean(axis=-1)[:, 0] + prices @ offsets)
+        gains = offsets + np.where(priced >= most, rates, 0.0).mean(axis=-1)
         gains /= gains.mean(axis=1, keepdims=True)
         prices *= np.exp(-VISIT_SEARCH.price_step / (1 + number / 4) * (gains - 1))
         prices /= prices.sum(axis=1, keepdims=True)

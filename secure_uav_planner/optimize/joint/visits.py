@@ -59,14 +59,15 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
     :param order: indices of the V ground nodes in the order of the visits.
     :param powers: largest power of each UAV in starts, (U,) in W; see limit_powers.
     """
-    weights = scenario.node_weights[order]
+    weights, offsets = scenario.node_weights[order], scenario.node_offsets[order]
     expected = np.full(len(order), 1 / len(order))  # Durations in shares of the flight, (V,).
     for _ in range(2):  # The first pass takes equal times, the second the times that are needed.
         middles = (np.cumsum(expected) - expected / 2) * scenario.times[-1]
         pool = _sample_configurations(scenario, order, middles, powers, rng)
         pool_rates = pool[2]
         rates = pool_rates.max(axis=1)
-        needs = weights / np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9))
+        needs = _compute_needs(
+            weights, offsets, np.maximum(rates, max(VISITS.least_rate * rates.max(), 1e-9)))
         expected = VISITS.equal / len(order) + (1 - VISITS.equal) * needs / needs.sum()
     visit = np.arange(len(order))
     durations = expected * np.exp(VISITS.jitter * rng.normal(size=(count, len(order))))
@@ -82,6 +83,20 @@ def draw_visits(scenario: Scenario, order: list[int], count: int, powers: Array,
         shares.append(kept_shares[visit, chosen])
     return Visits(np.tile(order, (count, 1)), np.stack(places), np.stack(shares),
                   np.diff(all_ends, axis=1, prepend=0.0))
+
+
+def _compute_needs(weights: Array, offsets: Array, rates: Array) -> Array:
+    """
+    Return the durations of V visits, (V,) in one unit, that give all nodes the same.
+
+    A visit of duration n, in shares of the flight, gives its node offset + n rate. This is to be
+    the node's weight times a common level. A node with more than that needs no visit.
+    """
+    is_needed = np.ones(len(weights), bool)
+    for _ in weights:
+        level = (1 + (offsets / rates)[is_needed].sum()) / (weights / rates)[is_needed].sum()
+        is_needed = level * weights > offsets
+    return np.where(is_needed, (weights - offsets / level) / rates, 0.0)
 
 
 def _sample_configurations(scenario: Scenario, order: list[int], times: Array, powers: Array,
