@@ -51,7 +51,7 @@ class BuildKernel(build_ext):
 WITH_ROS = 'sys_platform == "linux" and platform_machine == "x86_64"'
 ros = [f'{name}; {WITH_ROS}' for name in (
     'ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6')]
-view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
+view = ['matplotlib>=3.7', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
 explore = ['dash>=4.0', 'plotly>=5.15']
 logs = ['pymavlink>=2.4', 'pyulog>=1.1', 'rosbags>=0.11']
 campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']

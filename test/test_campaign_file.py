@@ -112,6 +112,15 @@ def test_a_function_of_ones_own_is_a_scheme(missions, tmp_path, monkeypatch):
             load_campaign({**fields, 'methods': [f'{module}:{name}']})
 
 
+def test_a_field_of_all_members_that_one_of_them_lacks_is_refused():
+    mission = replace(Scenario.paper(110.0, slots=4), eavesdroppers=(
+        Eavesdropper((200.0, 0.0), 10.0),
+        Eavesdropper(track=((0.0, 0.0, 90.0, 5.0), (110.0, 0.0, -90.0, 5.0)))))
+    with pytest.raises(MissionFileError, match=r'eavesdroppers\.1\.error_radius.*knots'):
+        load_campaign({'mission': mission.to_dict(),
+                       'vary': {'eavesdroppers.*.error_radius': [0.0, 30.0]}})
+
+
 @pytest.mark.parametrize('text, reason', [
     ('mision: mission.yaml', 'did you mean mission?'),
     ('vary: {}', 'lacks mission'), ('', 'or a mapping of its fields'),

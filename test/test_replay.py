@@ -13,7 +13,7 @@ import pytest
 from rclpy.clock import ClockType
 from ros_nodes import has_said, node_here, PATIENCE, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.plan.file import parse_text
+from secure_uav_planner.plan.file import parse_text, write_plan
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.replay import plan_reader
@@ -92,6 +92,13 @@ def test_it_loops_and_starts_by_itself_when_asked(poses, file):
     with node_here('replay', plan_file=file, speed=2000.0, loop='true',
                    autostart='true') as process:
         wait_for(lambda: has_said(process, 'end of the plan', 3))
+
+
+def test_setpoints_of_a_saved_plan_are_in_the_frame_of_its_file(poses, plan, file):
+    write_plan(plan, file, frame_id='odom')
+    with node_here('replay', plan_file=file, autostart='true'):
+        wait_for(lambda: poses)
+    assert poses[0].header.frame_id == 'odom'
 
 
 def begins_at(seconds):

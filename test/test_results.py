@@ -20,7 +20,8 @@ def rows_of_campaign(**fields):
 
 
 @pytest.mark.parametrize('values, shown', [
-    ([5.0, 10.0, 30.0], ['5', '10', '30']), ([[0, 0], [1, 1]], ['[0, 0]', '[1, 1]'])])
+    ([5.0, 10.0, 30.0], ['5', '10', '30']), ([[0, 0], [1, 1]], ['[0, 0]', '[1, 1]']),
+    ([48.1234567, 48.1234568], ['48.1234567', '48.1234568']), (['$a', 'b'], [r'\$a', 'b'])])
 def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_lines_are(
         values, shown):
     figure = draw_figure(rows_of_campaign(second=values))
@@ -53,6 +54,21 @@ def test_what_could_not_be_flown_is_counted_and_no_curve_begins_later():
     assert points == {(10.0, first): ('o', 'white'), (20.0, first): ('o', first),
                       (10.0, second): ('x', 'white'), (20.0, second): ('o', second)}
     assert [text.get_text() for text in axes.texts] == ['n = 7']
+
+
+def test_a_line_has_one_promise_also_where_nothing_could_be_flown_and_no_label_is_cut_off():
+    promises = {'none': 'guaranteed', 'urban': 'at mean gains'}
+    rows = [{**row, 'promise': promises[row['fields']['los']]}
+            for row in rows_of_campaign(los=['none', 'urban'], third=[1, 2])]
+    rows += [{**row, 'outcome': 'infeasible', 'promise': None,
+              'fields': {**row['fields'], 'duration': 5.0}} for row in rows]
+    figure = draw_figure(rows)
+    figure.draw_without_rendering()
+    [legend] = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        'none, joint, guaranteed', 'urban, joint, at mean gains']
+    assert legend.get_window_extent().x1 < figure.bbox.x1
+    assert len({axes.get_ylabel() for axes in figure.axes} - {''}) == 1
 
 
 def test_fly_hover_fly_has_the_line_that_it_has_in_all_views():
@@ -94,7 +110,11 @@ def test_a_third_and_a_fourth_field_are_small_multiples():
 @pytest.mark.parametrize('field, words', [
     ('duration', 'duration'), ('uavs.*.average_power', 'average power of all UAVs'),
     ('uavs.0.start.1', 'start north of UAV 1'), ('channel.los', 'lines of sight'),
-    ('eavesdroppers.0.position', 'position of eavesdropper 1')])
+    ('eavesdroppers.0.position', 'position of eavesdropper 1'),
+    ('eavesdroppers.0.track.1.1', 'track 2 east of eavesdropper 1'),
+    ('eavesdroppers.*.track.*.3', 'track radius of all eavesdroppers'),
+    ('geofence.1.0', 'geofence 2 east'), ('head_starts.0', 'head starts 1'),
+    ('channel.los.0', 'lines of sight 1')])
 def test_a_field_is_named_in_words(field, words):
     assert name_field(field) == words
 

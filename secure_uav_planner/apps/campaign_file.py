@@ -177,13 +177,18 @@ class Campaign(Checked):
                     for owner, number in tracks):
                 yield ScenarioError(f'{name} is decided by a track that varies; vary its knots',
                                     ('vary', name))
-            elif not any(_resolve_field(self._base, name)):
-                has_track = is_disc and any(item['track'] for item, _ in _resolve_field(
-                    self._base, '.'.join((*parts[:2], 'track'))))
+                continue
+            for member in self._list_members(name):
+                if any(_resolve_field(self._base, member)):
+                    continue
+                owner = '.'.join(member.split('.')[:2])
+                has_track = is_disc and any(
+                    item['track'] for item, _ in _resolve_field(self._base, f'{owner}.track'))
                 advice = ('vary the knots of the track instead, which decides it' if has_track else
                           'name it as duration, uavs.0.max_speed or eavesdroppers.*.error_radius')
-                yield ScenarioError(f'the mission has no field {quote(name)}; {advice}',
+                yield ScenarioError(f'the mission has no field {quote(member)}; {advice}',
                                     ('vary', name))
+                break
         for (name, parts), (other, more) in combinations(parts_of.items(), 2):
             if all(one == two or '*' in (one, two) for one, two in zip(parts, more)):
                 yield ScenarioError(f'{name} and {other} set the same field; vary it once',
@@ -191,6 +196,12 @@ class Campaign(Checked):
         if not self.schemes:
             yield ScenarioError(f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}',
                                 ('methods',))
+
+    def _list_members(self, name: str) -> list[str]:
+        """Return a varied field's name with the index of each member for its first `*`."""
+        head, star, rest = name.partition('.*.')
+        return [f'{head}.{number}.{rest}' for owner, key in _resolve_field(self._base, head)
+                if star for number in range(len(owner[key]))] or [name]
 
     @cached_property
     def grid(self) -> dict[str, list[Any]]:

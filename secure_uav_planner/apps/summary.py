@@ -26,7 +26,10 @@ _OWNERS = {'uavs': 'UAV', 'eavesdroppers': 'eavesdropper', 'ground_nodes': 'grou
 _WORDS = {'reference_snr_db': 'SNR at 1 m and 1 W', 'los': 'lines of sight',
           'exponent': 'path loss exponent', 'rician_k_db': 'Rician factor',
           'receiver_advantage_db': 'receiver advantage'}
-_COORDINATES = {'0': 'east', '1': 'north'}
+# Names of the last index of a place, and of a knot of a track.
+_COORDINATES = {**dict.fromkeys(
+    ('start', 'goal', 'position', 'ground_node', 'vertices', 'geofence', 'start_velocity',
+     'goal_velocity'), ('east', 'north')), 'track': ('time', 'east', 'north', 'radius')}
 _MOST_LINES = 6  # Largest number of values of the second, third and fourth field.
 _MOST_PLACES = 3  # Largest number of places named at which missions could not be flown.
 _LATER = 'second', 'third', 'fourth'  # Columns with the values of the fields after x.
@@ -61,11 +64,25 @@ def name_field(field: str) -> str:
     """Return the words of a varied field: 'peak power of all UAVs' for 'uavs.*.peak_power'."""
     owner, *parts = field.split('.')
     index = parts.pop(0) if owner in _OWNERS and parts else None
-    names = [part for part in (parts or [owner]) if not part.isdigit() and part != '*']
-    numbers = [_COORDINATES.get(part, part) for part in parts if part.isdigit()]
+    if not parts or parts[0].isdigit():
+        parts = [owner, *parts]
+    names = [part for part in parts if not part.isdigit() and part != '*']
+    numbers = [str(int(part) + 1) for part in parts if part.isdigit()]
+    if numbers and (coordinate := _name_coordinate(parts)):
+        numbers[-1] = coordinate
     words = ' '.join([*(_WORDS.get(name, name.replace('_', ' ')) for name in names), *numbers])
     return words if index is None else f'{words} of ' + (
         f'all {_OWNERS[owner]}s' if index == '*' else f'{_OWNERS[owner]} {int(index) + 1}')
+
+
+def _name_coordinate(parts: Sequence[str]) -> str:
+    """Return the name of the coordinate that the last part is the index of, '' for none."""
+    name = next((part for part in reversed(parts) if part in _COORDINATES), '')
+    # The index of a zone's corner or of a knot stands before the index of the coordinate.
+    indices = parts[parts.index(name) + 1:] if name else []
+    is_coordinate = len(indices) == 1 + (name in ('track', 'vertices', 'geofence'))
+    return (dict(enumerate(_COORDINATES[name])).get(int(indices[-1]), '')
+            if is_coordinate and indices[-1].isdigit() else '')
 
 
 def _draw_figure(rows: Sequence[Row]) -> Any:
@@ -110,7 +127,8 @@ def _draw_panel(axes: Any, frame: Any, group: Any, objective: str,
     :param group: rows of the frame that are drawn into `axes`; all have the objective.
     :param name: name of the field x.
     """
-    names = dict.fromkeys(rate_name(objective, promise) for promise in group.promise.dropna())
+    promises = frame[frame.objective == objective].promise.dropna()
+    names = dict.fromkeys(rate_name(objective, promise) for promise in promises)
     label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
     if name is not None:
         _draw_rates(axes, frame, group)
@@ -141,11 +159,11 @@ def _make_frame(rows: Sequence[Row], name: str | None, later: Sequence[str | Non
         'method': row['method'], 'x': row['fields'].get(name),
         **{column: _label_value(row, field) for column, field in zip(_LATER, later)}}
         for row in rows], columns=['objective', 'rate', 'promise', 'method', 'x', *_LATER])
-    # A mission that was not flown has no promise, and takes the promise of its group.
-    frame.promise = frame.groupby(['method', 'x', 'second'], dropna=False).promise.transform(
+    # A mission that was not flown has no promise, and takes the promise of its line.
+    frame.promise = frame.groupby(['method', *_LATER], dropna=False).promise.transform(
         lambda group: group.ffill().bfill())
     if frame.promise.nunique() > 1:
-        frame.method += ', ' + frame.promise.fillna('')
+        frame.method += (', ' + frame.promise).fillna('')
     return frame.astype({'rate': float})
 
 
@@ -233,9 +251,10 @@ def _add_legend(figure: Any, grid: Any, frame: Any, rows: Sequence[Row],
         notes.append(f'{name_field(second)}:')
     title = '\n'.join(line for note in notes for line in wrap(
         note, int(11 * figure.get_figwidth())))
+    widest = max(map(len, handles), default=0)  # Letters, each about 0.08 inches wide.
     figure.legend(handles.values(), handles.keys(), loc='outside upper left', fontsize=9,
                   frameon=False, title=title, title_fontsize=9, alignment='left',
-                  ncols=max(1, int(figure.get_figwidth() // 2.5)))
+                  ncols=max(1, int(figure.get_figwidth() // (0.6 + 0.08 * widest))))
     figure.set_figheight(
         figure.get_figheight() + 0.17 * (len(handles) + title.count('\n')))
 
@@ -264,13 +283,17 @@ def _label_value(row: Row, field: str | None) -> str:
     if field is None:
         return ''
     value = row['fields'][field]
-    text = f'{value:g}' if isinstance(value, float) else (
+    text = f'{value:.15g}' if isinstance(value, float) else (
         'none' if value is None else json.dumps(value).strip('"').replace('_', ' '))
+    text = text.replace('$', r'\$')
     return f'{text} {_unit(field)}'.rstrip() if value is not None else text
 
 
 def _unit(field: str) -> str:
-    return next((_UNITS[part] for part in reversed(field.split('.')) if part in _UNITS), '')
+    parts = field.split('.')
+    if coordinate := _name_coordinate(parts):
+        return 's' if coordinate == 'time' else _UNITS.get(parts[-2], 'm') or 'm'
+    return next((_UNITS[part] for part in reversed(parts) if part in _UNITS), '')
 
 
 def _choose_fields(rows: Sequence[Row]) -> list[str | None]:

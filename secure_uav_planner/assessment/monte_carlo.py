@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import repeat
+import math
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -144,7 +145,8 @@ class Assessment:
         """Rates [bit/s/Hz], outages and deliveries [bit/Hz] by name, as columns of a campaign."""
         return {'mean': self.mean, 'quantile_5': self.quantile(0.05),
                 'quantile_50': self.quantile(0.5), 'promised': self.promised_rate,
-                'outage': self.outage, 'promised_outage': self.promised_outage,
+                'outage': self.outage, 'promised_outage': (
+                    self.promised_outage if self.plan.scenario.channel.is_guarantee else math.nan),
                 'delivered': float(self.delivered.mean()),
                 'promised_delivery': self.promised_delivery}
 

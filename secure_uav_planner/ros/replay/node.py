@@ -25,6 +25,7 @@ from ..settings import read_settings, Settings
 from ..topics import is_simulated, publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ...errors import brief, OptionError, ParameterError, quote
 from ...mission.scenario import Point
+from ...plan.file import read_plan
 from ...plan.flight import Flight
 from ...plan.plan import Plan
 from ...plan.playback import Moment
@@ -108,7 +109,7 @@ class Replay(WorkingNode):
         self._group = MutuallyExclusiveCallbackGroup()
         # Unique, because two nodes may have the same name.
         self._follower = f'{self.get_fully_qualified_name()} (process {os.getpid()})'
-        plan = _load_plan(self._settings.plan_file)
+        plan, frame_id = _load_plan(self._settings.plan_file)
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         self._refusal = ''  # Why no plan of the topic is used.
@@ -120,7 +121,7 @@ class Replay(WorkingNode):
         self._is_paused = False  # Whether ~/pause was called since the last ~/start or ~/reset.
         self._make_interface()
         if plan is not None:
-            self._adopt(plan, self._frame_id)
+            self._adopt(plan, frame_id or self._frame_id)
         else:
             subscribe(self, {'plan': TOPICS['replay', 'sub']['plan']},
                       lambda _, message: self._reader.read(message.data), self._group, ())
@@ -398,10 +399,14 @@ class Replay(WorkingNode):
             self._start()
 
 
-def _load_plan(file: str) -> Plan | None:
-    """Return the plan of a file, or None for no file; raise a ParameterError for a bad one."""
+def _load_plan(file: str) -> tuple[Plan | None, str | None]:
+    """
+    Return the plan of a file and its frame if it names one; None for no file.
+
+    :raises ParameterError: for a bad file.
+    """
     try:
-        return Plan.load(file) if file else None
+        return read_plan(file, Plan) if file else (None, None)
     except (OSError, ValueError) as error:
         raise ParameterError(f'parameter plan_file: {brief(error)}') from None
 
