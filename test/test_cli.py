@@ -148,6 +148,7 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, command):
     (['sweep', 'mission.json'], 'it is a mission; a campaign names one by its field mission'),
     (['plan', 'mission.json', '-o', 'mission.json'], 'cannot be written to: it is a file'),
     (['plan', 'mission.json', '-o', 'lost'], 'it is a link to /no/disk, which is not there'),
+    (['plan', 'plan.json', '-o', '.'], 'would replace the mission plan.json; choose another'),
     (['new', 'lost'], 'it is a link to /no/disk, which is not there'),
     (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
     (['plan', 'mission.json', '--method', 'alternating', '--objective', 'worst_case'],
@@ -166,10 +167,12 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, command):
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, command, arguments, reason):
     monkeypatch.chdir(tmp_path)
     Scenario.paper(120.0, slots=10).save('mission.json')
+    Path('plan.json').write_text(Path('mission.json').read_text())
     Path('lost').symlink_to('/no/disk')
     out, err = command(*arguments, status=2)
     assert out == '' and len(err.splitlines()) == 1 and reason in err
-    assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out', 'lost'}
+    assert {path.name for path in tmp_path.iterdir()} <= {
+        'mission.json', 'plan.json', 'out', 'lost'}
 
 
 @pytest.mark.parametrize('arguments, reason', [

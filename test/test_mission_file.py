@@ -265,6 +265,7 @@ SYNTAX = [
     ('7', 'mapping'), ('a mission', 'mapping'), ('uavs: [1, 2', 'expected'),
     ('uavs:\n\t- a', 'cannot start any token'), ('a: b: c', 'mapping values are not allowed'),
     ('a: *b', 'undefined alias'), ('a: !!python/object:os.system x', 'could not determine'),
+    ('a: !!timestamp 2020-01-01', 'could not determine'), ('a: !!bool abc', "'abc'"),
     ('a: 1\n---\nb: 2\n', 'single document'), ('a: \x01', 'special characters'),
     ('[' * 30 + ']' * 30, 'levels'), ('{' * 1500 + '}' * 1500, 'levels'),
     ('a: &a [*a]', 'levels'), ('uavs: ' + '9' * 5000, ''), ('[1]: 2', 'must be text'),

@@ -22,7 +22,8 @@ from .results import make_frame, save_tables
 from .summary import save_figure
 from .tasks import (
     COLUMNS, ERROR, FAULT, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST)
-from ..errors import brief, OptionError, PlanningError, quote, StoppedError
+from ..errors import (
+    brief, name_missing_package, OptionError, PlanningError, quote, StoppedError)
 from ..mission.files import naming
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
     loaded = load_campaign(campaign)
     if folder is None and loaded.plans:
         raise OptionError('folder is None; it must be a path, since plans are to be kept')
+    with name_missing_package():
+        import pandas  # noqa: F401  (before all missions are planned)
     with TemporaryDirectory() as temporary:
         place = Path(temporary if folder is None else folder)
         place.mkdir(parents=True, exist_ok=True)
@@ -98,7 +101,7 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
         raise OptionError(
             f'jobs is {quote(jobs)}; it must be a whole number from 1, or -1 for all cores')
     journal = folder / journal_name(shard)
-    with _open_journal(journal) as file:
+    with naming(journal), _open_journal(journal) as file:
         recorded = _read_rows(folder)
         rows = {task['key']: _finished_row(recorded.get(task['key']), task, folder)
                 for task in tasks()}
@@ -116,9 +119,8 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
             if plan is not None:
                 plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
                 plan.save(plan_path(folder, row['key']))
-            with naming(journal):
-                file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
-                file.flush()
+            file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
+            file.flush()
             rows[row['key']] = row
             progress.add(row)
         progress.report()

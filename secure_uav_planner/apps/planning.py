@@ -99,6 +99,10 @@ def make_plan(options: argparse.Namespace) -> None:
         with name_missing_package():
             from ..ros.recording import record
     out = make_folder(Path(options.out))
+    mission, file = Path(options.mission), out / 'plan.json'
+    if mission.exists() and file.exists() and mission.samefile(file):
+        raise OptionError(f'the plan would replace the mission {mission}; choose another folder '
+                          'by --out')
     with locating_errors(options.mission), _Progress() as progress:
         plan = _find_plan(scenario, options, progress)
         scenario = plan.scenario

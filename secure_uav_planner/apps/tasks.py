@@ -14,6 +14,7 @@ from threading import current_thread, main_thread
 import time
 import traceback
 from typing import Any, TYPE_CHECKING, TypeAlias
+import warnings
 
 from ..assessment import assess
 from ..assessment.monte_carlo import arguments
@@ -183,8 +184,11 @@ def run_on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[Row]:
         current_thread() is main_thread()) else None
     try:
         with joblib.parallel_config('loky', inner_max_num_threads=1):
-            rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
-                joblib.delayed(run_task)(task) for task in tasks)
+            # Before version 1.4, joblib returns rows in the order of the tasks only.
+            is_recent = tuple(map(int, joblib.__version__.split('.')[:2])) >= (1, 4)
+            rows = joblib.Parallel(
+                jobs, return_as='generator_unordered' if is_recent else 'generator',
+                batch_size=1)(joblib.delayed(run_task)(task) for task in tasks)
     finally:
         if handler is not None:
             signal.signal(signal.SIGINT, handler)
@@ -194,7 +198,9 @@ def run_on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[Row]:
         raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the same '
                            'command goes on from here') from None
     finally:
-        rows.close()
+        with warnings.catch_warnings():  # Of tasks that are cancelled, whose rows are not needed.
+            warnings.filterwarnings('ignore', '.*tasks which were still', UserWarning)
+            rows.close()
 
 
 def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[Row]:

@@ -57,6 +57,10 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     yaml_implicit_resolvers: dict[str, Any] = {}
 
 
+for _tag in ('timestamp', 'binary', 'set', 'omap', 'pairs'):  # Types that JSON does not have.
+    _Loader.add_constructor(f'tag:yaml.org,2002:{_tag}', yaml.SafeLoader.construct_undefined)
+
+
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
     """Quotes strings that YAML 1.1 or 1.2 would read as another type."""
 
@@ -193,7 +197,7 @@ class _Reader:
             return [self.value(item, (*path, number)) for number, item in enumerate(node.value)]
         try:
             return self._loader.construct_object(node)
-        except (ValueError, OverflowError) as error:
+        except (ValueError, OverflowError, KeyError, AttributeError) as error:
             raise yaml.MarkedYAMLError(problem=str(error)[:100],
                                        problem_mark=node.start_mark) from None
 
