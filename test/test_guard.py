@@ -104,6 +104,13 @@ def test_a_motion_beyond_the_limits_or_that_leads_to_a_jump_is_refused_anywhere_
             refuses(guard, setpoint, reason, limits=limits)
 
 
+def test_a_straight_flight_at_full_speed_passes_without_any_jump_allowed():
+    guard, limits = Guard(), replace(LIMITS, max_jump=0.0)
+    for number in range(1, 200):
+        assert passes(guard, at(10.0 * number * 0.05, number * 50_000_000,
+                                velocity=(10.0, 0.0, 0.0)), limits=limits)
+
+
 def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhere():
     guard, x, now = streamed()
     assert guard.hold(now + SECOND // 5) is None
@@ -118,8 +125,8 @@ def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhe
 def test_a_stream_begins_where_the_vehicle_is_and_not_before_that_is_known():
     guard = Guard()
 
-    refuses(guard, at(0.0, SECOND), 'the position of the vehicle is not known, so start_tolerance',
-            limits=CHECKED)
+    refuses(guard, at(0.0, SECOND),
+            'the position of the vehicle is not known, or its stamp is old', limits=CHECKED)
     guard.note_position((100.0, 0.0, 98.0), SECOND)
     refuses(guard, at(0.0, SECOND), 'it is 100.0 m from the vehicle and start_tolerance is 5 m',
             limits=CHECKED)

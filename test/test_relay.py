@@ -13,10 +13,11 @@ from nav_msgs.msg import Odometry, Path
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from relay_client import Autopilot, listen_to_mavros, MISSION, rests, Source
-from ros_client import numbers, pose_message, values_of
+from ros_client import numbers, pose_message, stamp_at, values_of
 from ros_nodes import has_said, node_here, node_process, refusal, wait_for, wait_for_line
 from secure_uav_planner.output.autopilots import STACKS, TRIED_VERSIONS
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.relay_reports import RelayReports, RelayState
 from secure_uav_planner.ros.topics import TOPICS
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
@@ -213,8 +214,8 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
         source = Source(client, 'uav1')
         publisher = client.publisher(Odometry, 'uav1/mavros/local_position/odom')
 
-        def stands_at(x, velocity=0.0, turn=0.0):
-            message = pose_message(Odometry, x, 20.0, 30.0)
+        def stands_at(x, velocity=0.0, turn=0.0, stamp=None):
+            message = pose_message(Odometry, x, 20.0, 30.0, stamp=stamp)
             message.twist.twist.linear.x, message.pose.pose.orientation.x = velocity, turn
             publisher.publish(message)
             return True
@@ -223,13 +224,20 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
             source.until(lambda: (place is None or stands_at(*place)) and has_said(
                 process, text, count))
 
-        until_said('the position of the vehicle is not known, so start_tolerance')
+        until_said('the position of the vehicle is not known, or its stamp is old')
         # Of odometry that is not finite only the place counts, and nothing is passed on.
         until_said('it is 20.0 m from the vehicle', (30.0, math.nan))
         until_said('its velocity is (nan, ', (30.0, math.nan))
         until_said('its orientation is (nan, ', (30.0, 0.0, math.nan))
         assert not targets and not odometry
+        # A position that was measured long ago says nothing, whenever it comes.
+        until_said('or its stamp is old', (11.0, 0.0, 0.0, stamp_at(time.time() - 100.0)), 2)
+        assert not targets
         source.until(lambda: stands_at(11.0) and targets and odometry)
+        enable_again = client.call('relay/enable', SetBool, SetBool.Request(data=True))
+        stands_at(30.0)  # Only a change of ~/enable ends a stream.
+        count = len(targets)
+        source.until(lambda: enable_again.success and len(targets) > count + 3)
 
         def enable(is_enabled):
             assert client.call('relay/enable', SetBool, SetBool.Request(data=is_enabled)).success
@@ -242,6 +250,26 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
         until_said('it is 20.0 m from the vehicle', count=2)
         assert len(targets) == count
         source.until(lambda: stands_at(11.0) and len(targets) > count + 1)
+
+
+def test_of_several_relays_that_report_on_a_vehicle_one_that_passes_setpoints_counts():
+    now = 0.0
+    reports = RelayReports(lambda: now)
+
+    def report(relay, name):
+        return reports.take('uav1/relay', RelayState(relay, name, 1.0, 'why').to_message('uav1'))
+
+    # The second relay runs on the computer of another vehicle, or waits as a reserve.
+    assert report('/a', 'passing')
+    for name in ('refused', 'disabled', 'silent'):
+        assert not report('/b', name) and reports.state('uav1').name == 'passing'
+    now = 0.9
+    report('/b', 'refused')
+    now = 1.5
+    assert reports.state('uav1').name == 'refused' and not reports.find_newly_lost()
+    assert report('/a', 'passing') and reports.state('uav1').relay == '/a'
+    now = 3.0
+    assert reports.state('uav1').name == 'lost' and len(reports.find_newly_lost()) == 1
 
 
 def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_the_planner(
@@ -268,7 +296,7 @@ def test_what_becomes_of_each_stream_is_in_the_diagnostics_and_in_the_status_of_
             wait_for(is_told, what=state)
 
         ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
-        until('silent', warn, 'has heard no setpoints for ', sends=False)
+        until('silent', warn, 'has sent nothing for ', sends=False)
         until('refused', warn, 'it is 20.0 m from the vehicle and start_tolerance is 5 m', 30.0)
         wait_for(lambda: 'the relay of uav1, /relay, has refused setpoints for ' in (
             client.statuses[-1].text), what='the reason in the status of the planner')

@@ -125,9 +125,10 @@ class LocalFrames:
             self._on_change(name, None)
             return
         distance = math.hypot(*_convert((0.0, 0.0, 0.0), frame, before)[:2])
+        is_reset = last is not None and reference[:2] == last[:2]
         self.moves[name] = (
-            f'the local frame of {name} has moved by {distance:.2f} m' if distance else
-            f'the position estimator of {name} has been reset')
+            f'the position estimator of {name} has been reset' if is_reset else
+            f'the local frame of {name} has moved by {distance:.2f} m')
         self._log.warning(self.moves[name])
         self._on_change(name, lambda place: _convert(place, before, frame))
 

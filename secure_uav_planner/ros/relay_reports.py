@@ -1,5 +1,6 @@
 """What relays do with the setpoints of each UAV, as they report it on `<uav>/relay`."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 import time
 from typing import NamedTuple
@@ -20,7 +21,7 @@ _TEXTS = {
     'holding': 'has held the last place for {for_:.1f} s: {reason}',
     'refused': 'has refused setpoints for {for_:.1f} s: {reason}',
     'disabled': 'sends nothing until ~/enable is called with true',
-    'silent': 'has heard no setpoints for {for_:.1f} s and sends nothing',
+    'silent': 'has sent nothing for {for_:.1f} s, because no setpoints come',
     'lost': 'has not reported for {for_:.1f} s, so nothing passes setpoints on; start it again'}
 
 
@@ -81,14 +82,18 @@ def read_relay_state(message: DiagnosticStatus) -> RelayState | None:
 
 class RelayReports:
     """
-    The last report on each UAV.
+    The last report of each relay on each UAV.
+
+    Of several relays that report on a UAV, one that passes setpoints on counts first: the vehicle
+    gets them, whatever the others do.
 
     :param clock: returns a time in s that is never set back.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._last: dict[str, tuple[RelayState, float]] = {}  # State and its arrival [s] by UAV.
+        # State and its arrival [s] by UAV and relay.
+        self._last = defaultdict[str, dict[str, tuple[RelayState, float]]](dict)
         self._lost = set[str]()  # UAVs whose relay has ceased to report.
 
     def take(self, topic: str, message: DiagnosticStatus) -> bool:
@@ -97,16 +102,21 @@ class RelayReports:
         if state is None:
             return False
         before = self.state(uav)
-        self._last[uav] = state, self._clock()
-        return before is None or before.name != state.name
+        self._last[uav][state.relay] = state, self._clock()
+        after = self.state(uav)
+        return before is None or after is None or before.name != after.name
 
     def state(self, uav: str) -> RelayState | None:
-        """Return a UAV's last state, or 'lost' if it is old; None if no relay ever reported."""
+        """Return a UAV's state, or 'lost' if all reports are old; None without any."""
         if uav not in self._last:
             return None
-        state, arrival = self._last[uav]
-        age = self._clock() - arrival
-        return state if age <= _LOST_AFTER_S else RelayState(state.relay, 'lost', age)
+        now, reports = self._clock(), self._last[uav].values()
+        recent = [state for state, arrival in reports if now - arrival <= _LOST_AFTER_S]
+        if recent:
+            return max(recent, key=lambda state: (state.is_passing, state.name in (
+                'holding', 'refused')))
+        state, arrival = max(reports, key=lambda report: report[1])
+        return RelayState(state.relay, 'lost', now - arrival)
 
     def names(self, uavs: Iterable[str]) -> dict[str, str]:
         """Return the name of the state of each UAV whose relay has reported."""

@@ -17,7 +17,7 @@ Setpoints at 20 to 30 Hz came at most 0.16 s late on a machine with ten times it
 them at more than 2 Hz.
 """
 
-_ROUNDING = 0.01  # Tolerance of an acceleration [m/s^2].
+_ROUNDING = 0.01  # Tolerance of an acceleration [m/s^2], a speed [m/s] and a distance [m].
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,12 @@ class Guard:
         self._last_arrived = 0  # Arrival [ns] of the last setpoint with a fresh stamp.
         self._latest = 0  # Latest time [ns] of the clock at an arrival in the stream.
         self._refusal = '', 0  # Reason and arrival [ns] of the last refused setpoint.
-        self._vehicle: tuple[Vector, int] | None = None  # Measured position; its arrival [ns].
+        self._vehicle: tuple[Vector, int] | None = None  # Measured position; its time [ns].
         self._has_moved = False  # Whether the frame has moved since the last setpoint passed.
 
-    def note_position(self, place: Vector, now: int) -> None:
-        """Note the measured position of the vehicle, in the frame of the setpoints."""
-        self._vehicle = place, now
+    def note_position(self, place: Vector, time_ns: int) -> None:
+        """Note where the vehicle was at a time [ns], in the frame of the setpoints."""
+        self._vehicle = place, time_ns
 
     def change_frame(self, convert: Callable[[Vector], Vector]) -> None:
         """
@@ -162,7 +162,8 @@ class Guard:
     def _explain_start(self, setpoint: Setpoint, now: int, limits: Limits) -> str:
         """Return the reason why a stream cannot begin with a setpoint, or an empty string."""
         if self._vehicle is None or not _within(self._vehicle[1], now, limits.timeout):
-            return 'the position of the vehicle is not known, so start_tolerance cannot be checked'
+            return ('the position of the vehicle is not known, or its stamp is old, so '
+                    'start_tolerance cannot be checked')
         distance = math.dist(setpoint.position, self._vehicle[0])
         return '' if distance <= limits.start_tolerance else (
             f'it is {distance:.1f} m from the vehicle and start_tolerance is '
@@ -197,7 +198,7 @@ def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
     # max_acceleration a T^2 / 2 <= max_jump.
     speed = math.hypot(*setpoint.velocity or ())
     most = limits.max_speed + limits.max_jump / _HOLD_DELAY
-    if speed > most:
+    if speed > most + _ROUNDING:
         raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
                           f'{most:.1f} m/s')
     acceleration = math.hypot(*setpoint.acceleration or ())
@@ -218,6 +219,6 @@ def _explain_jump(last: Setpoint | None, setpoint: Setpoint, limits: Limits,
         return f'it is {-step:.3g} s older than the last one'
     distance = math.dist(setpoint.position, last.position)
     most = limits.max_jump + limits.max_speed * min(max(0.0, step), limits.timeout)
-    return '' if distance <= most else (
+    return '' if distance <= most + _ROUNDING else (
         f'it is {distance:.1f} m from the last one, and max_jump and max_speed allow '
         f'{most:.1f} m')

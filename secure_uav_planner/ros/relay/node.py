@@ -143,10 +143,11 @@ class Relay(WorkingNode):
                       settings.start_tolerance, settings.setpoint_timeout)
 
     def _on_enable(self, is_enabled: bool) -> Answer:
-        """Enable or disable the relay; the next setpoint of each UAV begins a new stream."""
+        """Enable or disable the relay; after a change, the next setpoints begin new streams."""
+        if is_enabled != self._is_enabled:
+            for guard in self._guard_by_uav.values():
+                guard.forget_stream()
         self._is_enabled = is_enabled
-        for guard in self._guard_by_uav.values():
-            guard.forget_stream()
         return True, ('setpoints are passed on' if is_enabled else
                       'nothing is sent until ~/enable is called with true')
 
@@ -250,7 +251,9 @@ class Relay(WorkingNode):
             odometry = fill_message(Odometry(), self._stack.odometry(*map(states.get, kinds)))
             pose = odometry.pose.pose
             place = _read_finite('position', pose.position, 'xyz')
-            self._guard_by_uav[name].note_position(place, self._now)
+            # A position is as old as its stamp says; PX4's have none.
+            self._guard_by_uav[name].note_position(
+                place, nanoseconds(odometry.header.stamp) or self._now)
             _read_finite('orientation', pose.orientation, 'xyzw')
             _read_finite('velocity', odometry.twist.twist.linear, 'xyz')
             place = self._frames.to_mission(name, place)
