@@ -14,6 +14,8 @@ from secure_uav_planner import (
     solve, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment.flown import compare, read_flight
+from secure_uav_planner.assessment.flown.alignment import find_clock, Shift
+from secure_uav_planner.assessment.flown.bag import read_bag, Report
 from secure_uav_planner.errors import LogFileError, OptionError
 from secure_uav_planner.model.channel import guaranteed_node_rates
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
@@ -438,6 +440,51 @@ def test_a_copy_of_a_plan_in_another_namespace_is_no_other_team(plan, flight, tm
     alone, copied = (compare(plan, read_flight(tmp_path / bag, plan)).to_dict()
                      for bag in ('alone', 'bag'))
     assert copied == alone and alone['time_from'] == 'plan_time'
+
+
+def test_a_plan_that_waits_at_its_start_again_after_a_flight_is_not_flown(plan, flight, tmp_path):
+    write_bag(flight, tmp_path / 'bag')
+    bag = read_bag(tmp_path / 'bag', [*ORIGINS], plan)
+    waiting = [Report(bag.reports[-1].clock_ns + number * 10**8, bag.reports[0].plan_ns,
+                      plan.identity) for number in range(1, 100)]
+    alone, _ = bag.follow(plan)
+    reset, _ = replace(bag, reports=[*bag.reports, *waiting]).follow(plan)
+    for name in ORIGINS:
+        assert np.array_equal(reset[name].plan_times, alone[name].plan_times)
+        assert reset[name].notes == alone[name].notes == ()
+    waited, _ = replace(bag, reports=waiting).follow(plan)  # UTC may time it all the same.
+    assert waited['uav1'].plan_times is None and 'does not advance' in waited['uav1'].notes[-1]
+
+
+def test_rare_reports_tell_when_the_time_of_the_plan_begins_and_ends(plan, flight, tmp_path):
+    write_bag(flight, tmp_path / 'bag')
+    bag = read_bag(tmp_path / 'bag', [*ORIGINS], plan)
+    curve = plan.curve
+    begin, end = curve.begin, curve.end
+    pause = 20.45, 10.0  # Time of the plan and length in s.
+    reports = []
+    for clock in np.arange(begin - 5.0, end + 20.0):  # One a second.
+        time = np.clip(clock - 0.3, begin, pause[0]) + np.clip(
+            clock - 0.3 - sum(pause), 0.0, end - pause[0])
+        reports.append(Report(START_NS + round(clock * 1e9), START_NS + round(time * 1e9),
+                              plan.identity))
+    logs, _ = replace(bag, origin_ns=START_NS, reports=reports).follow(plan)
+    times = np.array([begin - 4e-10, -0.5, 20.4, 20.5, end - 0.1, end + 4e-10])
+    clocks = find_clock(logs['uav1'], Shift(0.0, 0.0), 'plan_time', times, plan)
+    assert clocks == pytest.approx(times + 0.3 + np.where(times > pause[0], pause[1], 0.0))
+
+
+def test_powers_have_their_time_where_odometry_arrives_late(plan, flight, tmp_path):
+    write_bag(flight, tmp_path / 'prompt')
+    with Writer(tmp_path / 'late', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with AnyReader([tmp_path / 'prompt'], default_typestore=STORE) as reader:
+            topics = {item.topic: writer.add_connection(item.topic, item.msgtype, typestore=STORE)
+                      for item in reader.connections}
+            for item, stamp, data in reader.messages():
+                writer.write(topics[item.topic],
+                             stamp + 4 * 10**8 * item.topic.endswith('odom'), data)
+    prompt, late = (read_flight(tmp_path / name, plan).powers for name in ('prompt', 'late'))
+    assert np.array_equal(prompt, late)
 
 
 def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):

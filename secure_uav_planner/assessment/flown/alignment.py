@@ -91,7 +91,8 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array, 
         return times / (plan.promise_speed if source == 'utc' else 1.0) + shift.seconds
     assert log.plan_times is not None
     clock, flown = log.plan_times
-    return np.interp(times, flown, clock, left=np.nan, right=np.nan)
+    inside = np.clip(times, flown[0], flown[-1])  # Reports are rounded to ns.
+    return np.where(np.abs(times - inside) < 1e-6, np.interp(inside, flown, clock), np.nan)
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
