@@ -187,6 +187,7 @@ def test_a_battery_counts_in_the_time_covered(plan, tmp_path):
                          read.positions)
     whole = compare(fuelled, replace(read, logs=logs)).uavs['uav1']
     cut = compare(fuelled, replace(read, logs=logs, positions=positions)).uavs['uav1']
+    assert whole.energy_j == pytest.approx(whole.planned_energy_j, rel=2e-4)
     assert cut.battery_wh == pytest.approx(whole.battery_wh * 53 / 113, rel=0.05)
 
 
