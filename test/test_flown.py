@@ -236,7 +236,14 @@ def swap_axes(flight):
     return replace(flight, positions=flight.positions[..., [1, 0, 2]])
 
 
+def thin(flight):
+    """Return the track of a flight with one position each 3 s."""
+    return fly(flight.plan, DELAY, OFFSET, frequency=1 / 3)
+
+
 @pytest.mark.parametrize('kind, change, options, words', [
+    ('csv', thin, {'at': 'fit'}, 'by positions that are at most 2 s apart'),
+    ('csv', thin, {'at': 'takeoff'}, 'or only positions over 2 s apart'),
     ('BIN', replace, {}, r'--shift uav1=(99|100)\.\d,(499|500)\.\d'),
     ('csv', fly_twice, {'at': 'fit'}, 'two times fit alike'),
     ('csv', swap_axes, {}, 'x and y fit when they are swapped'),
