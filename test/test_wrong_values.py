@@ -111,6 +111,9 @@ MISSIONS = [
     (PAPER, {'no_fly_zones': [TOWER, NoFlyZone(around((100, -500)), 105)]}, 'uavs[1].goal',
      'uav2.goal is (100.0, -500.0) at 110 m, inside zone 2'),
     (PAPER, {'geofence': around((100, -500), 400.0)}, 'uavs[0].start', 'outside the geofence'),
+    (PAPER, {'geofence': around((100, 0), 500.5), 'uavs': [replace(
+        uav, max_acceleration=2.0, start=(100.0, 500.0 + lift), start_velocity=None)
+        for uav, lift in zip(PAPER.uavs, (0.0, 0.6))]}, 'uavs[1].start', 'outside the geofence'),
     (PAPER, {'separation': 11.0}, 'separation',
      'at most 10 m, the distance between the starts of uav1 and uav2'),
     (PAPER, {'uavs': (between((0, 0), (0, 0), 'a'), between((50, 0), (0, 0), 'b')),
