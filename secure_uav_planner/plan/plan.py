@@ -124,6 +124,8 @@ class Plan(RatedFlight):
                 not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario):
             raise PlanError(f'bound is {quote(self.bound)}; it must be None or a Bound of the '
                             "plan's scenario", ('bound',))
+        if not all(math.isfinite(iteration.rate) for iteration in self.history):
+            raise PlanError('history has an infinite rate; rates must be finite', ('history',))
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()

@@ -107,6 +107,7 @@ class Iteration(Checked):
     :param elapsed: time since the call [s].
     :param solver_time: part of `elapsed` [s] spent inside Clarabel. For 'joint' it is the part
         spent on solving for Newton steps.
+    :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
     number: int = field(metadata=checked_by(WholeNumber(0, 1e9)))
@@ -114,9 +115,6 @@ class Iteration(Checked):
     rate: float = field(metadata=checked_by(_RATE))
     elapsed: float = field(metadata=checked_by(TIME))
     solver_time: float = field(metadata=checked_by(TIME))
-
-    def __post_init__(self) -> None:
-        """Skip the checks, for speed; read_object checks the iterations of a file."""
 
     @property
     def guaranteed_rate(self) -> float:
