@@ -13,7 +13,8 @@ import numpy as np
 from . import file
 from .promise import find_promised_slots, Mask, Promise
 from .results import (
-    Bound, explain_zero_rate, Iteration, LEAST_RATE, RatedFlight, Status, STATUS_TEXTS, STATUSES)
+    Bound, check_bound, explain_zero_rate, Iteration, LEAST_RATE, RatedFlight, Status,
+    STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
@@ -289,9 +290,11 @@ class Plan(RatedFlight):
         Return a copy of this plan with a bound, which is saved and shown with it.
 
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
-        :raises PlanError: for anything else.
+        :raises PlanError: for anything else, and for a bound below the plan's own rate.
         """
-        return self._replace_and_keep_rates(bound=bound)
+        plan = self._replace_and_keep_rates(bound=bound)
+        check_bound(plan, bound)
+        return plan
 
     def evaluate(self) -> 'Plan':
         """Evaluate the rates now, which the plan then keeps; return the plan itself."""
