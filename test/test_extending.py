@@ -29,11 +29,13 @@ def test_a_limit_in_a_file_of_its_own_holds_and_is_used_up():
 
 
 def test_the_first_flights_keep_a_limit_in_a_file_of_its_own(monkeypatch):
-    monkeypatch.setattr(limits, 'LIMITS', (*limits.LIMITS, RangeLimit))
     mission = Scenario.paper(120.0)
     mission = replace(mission, duration=60.0, slots=60, uavs=[
         replace(uav, start=(150.0, 100.0), goal=(150.0, -100.0)) for uav in mission.uavs])
-    for plan in (fly_hover_fly(mission), solve(mission, time_limit=1e-3)):
+    far = solve(mission)
+    monkeypatch.setattr(limits, 'LIMITS', (*limits.LIMITS, RangeLimit))
+    for plan in (fly_hover_fly(mission), solve(mission, time_limit=1e-3),
+                 solve(replace(mission, duration=62.0), initial=far)):
         assert np.linalg.norm(plan.positions - BASE, axis=-1).max() <= REACH + 1e-6
 
 
