@@ -55,6 +55,7 @@ OPTIONAL = {
     'test_demo.py': ['mcap', 'plotly'],
     'test_explore.py': ['dash', 'plotly', 'selenium'],
     'test_flown.py': ['matplotlib', 'plotly', 'pymavlink', 'pyulog', 'rosbags'],
+    'test_flown_bag.py': ['rosbags'],
     'test_fly.py': ['rclpy', 'rotorpy'],
     'test_measured.py': ['casadi'],
     'test_page.py': ['plotly', 'selenium'],

@@ -1,6 +1,7 @@
 """The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
 
 from dataclasses import replace
+import json
 import math
 import warnings
 
@@ -17,7 +18,7 @@ from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.bound.search.columns import Columns
 from secure_uav_planner.bound.search.multipliers import MultiplierSearch
-from secure_uav_planner.errors import PlanFileError
+from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.model.limits import (
@@ -200,13 +201,18 @@ def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_pa
 
 
 @pytest.mark.parametrize('objective', OBJECTIVES)
-def test_a_file_whose_plan_exceeds_its_bound_is_refused(objective, plan, tmp_path):
-    rate = getattr(plan, f'{objective}_rate')
-    plan.with_bound(Bound(PAPER, rate, objective)).save(tmp_path / 'plan.json')
-    assert Plan.load(tmp_path / 'plan.json').bound.rate == rate
-    plan.with_bound(Bound(PAPER, 0.999 * rate, objective)).save(tmp_path / 'plan.json')
+def test_a_bound_that_its_plan_exceeds_is_refused_in_a_file_too(objective, plan, tmp_path):
+    rate, file = getattr(plan, f'{objective}_rate'), tmp_path / 'plan.json'
+    plan.with_bound(Bound(PAPER, rate, objective)).save(file)
+    assert Plan.load(file).bound.rate == rate
+    for wrong in (0.999 * rate, -math.inf):
+        with pytest.raises(PlanError, match=f'bound: rate .*{objective}'):
+            plan.with_bound(Bound(PAPER, wrong, objective))
+    document = json.loads(file.read_text())
+    document['bound']['rate'] = 0.999 * rate
+    file.write_text(json.dumps(document))
     with pytest.raises(PlanFileError, match=f'bound: rate .*{objective}'):
-        Plan.load(tmp_path / 'plan.json')
+        Plan.load(file)
 
 
 @pytest.mark.parametrize('times, words', [

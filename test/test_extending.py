@@ -1,10 +1,15 @@
 """The programs of examples/extending plan with limits and channels that are not packaged."""
 
+from dataclasses import replace
 import re
 import shutil
 
+from examples.extending.limit import BASE, RangeLimit, REACH
+import numpy as np
 from processes import run_python
 import pytest
+from secure_uav_planner import fly_hover_fly, Scenario, solve
+from secure_uav_planner.model import limits
 
 pytestmark = pytest.mark.slow
 
@@ -21,6 +26,17 @@ def test_a_limit_in_a_file_of_its_own_holds_and_is_used_up():
     without, limited = run('limit')
     assert without > 200.0
     assert 149.0 < limited <= 150.0
+
+
+def test_the_first_flights_keep_a_limit_in_a_file_of_its_own(monkeypatch):
+    mission = Scenario.paper(120.0)
+    mission = replace(mission, duration=60.0, slots=60, uavs=[
+        replace(uav, start=(150.0, 100.0), goal=(150.0, -100.0)) for uav in mission.uavs])
+    far = solve(mission)
+    monkeypatch.setattr(limits, 'LIMITS', (*limits.LIMITS, RangeLimit))
+    for plan in (fly_hover_fly(mission), solve(mission, time_limit=1e-3),
+                 solve(replace(mission, duration=62.0), initial=far)):
+        assert np.linalg.norm(plan.positions - BASE, axis=-1).max() <= REACH + 1e-6
 
 
 @needs_compiler

@@ -5,61 +5,32 @@ import json
 import math
 import random
 
+from flown_logs import (
+    DELAY, fly_twice, make_flight, make_plan, OFFSET, ORIGINS, START_NS, write_logs)
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
 from secure_uav_planner import (
-    assess, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario,
-    solve, World)
+    assess, fly_hover_fly, GroundNode, NoFlyZone, Origin, Propulsion, Scenario, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment.flown import compare, read_flight
 from secure_uav_planner.errors import LogFileError, OptionError
 from secure_uav_planner.model.channel import guaranteed_node_rates
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
-from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import with_uavs
-from studies.flown.logs import (
-    find_powers, fly, STORE, write_bag, write_csv, write_dataflash, write_telemetry, write_tum,
-    write_ulog)
+from studies.flown.logs import fly, write_csv, write_dataflash, write_ulog
 
-DELAY, OFFSET = 0.3, 0.8
-START_NS = 1_795_743_002_000_000_000
-ORIGINS = {'uav1': (100.0, 500.0), 'uav2': (120.0, 500.0)}
 FORMATS = ('csv', 'ulg', 'BIN', 'tlog', 'mcap', 'tum')
 SHIFTS = dict.fromkeys(('ulg', 'BIN', 'tlog'), ORIGINS)  # Formats whose frames begin anywhere.
 
 
 @pytest.fixture(scope='module')
 def plan():
-    mission = with_uavs(replace(Scenario.paper(110.0, slots=55, error_radius=10.0),
-                                separation=10.0), max_acceleration=2.0)
-    return replace(solve(mission, objective='guaranteed'), start_ns=START_NS)
+    return make_plan()
 
 
 @pytest.fixture(scope='module')
-def flight(plan):
-    return fly(plan, DELAY, OFFSET)
-
-
-def write_logs(flight, kind, folder, **options):
-    """Write the logs of all UAVs in a format; return what read_flight takes."""
-    uavs = flight.plan.scenario.uavs
-    if kind == 'csv':
-        write_csv(flight, folder / 'flight.csv', START_NS * 1e-9)
-        return folder / 'flight.csv'
-    if kind == 'mcap':
-        write_bag(flight, folder / 'bag')
-        return folder / 'bag'
-    files = {uav.name: folder / f'{uav.name}.{kind}' for uav in uavs}
-    for index, (name, file) in enumerate(files.items()):
-        if kind == 'tum':
-            write_tum(flight, index, file)
-        else:
-            write = {'ulg': write_ulog, 'BIN': write_dataflash, 'tlog': write_telemetry}[kind]
-            write(flight, index, file, ORIGINS[name], 100.0 + 3.0 * index, START_NS * 1e-9,
-                  **options)
-    return files
+def flight():
+    return make_flight()
 
 
 @pytest.mark.parametrize('kind', FORMATS)
@@ -185,6 +156,7 @@ def test_a_battery_counts_in_the_time_covered(plan, tmp_path):
                          read.positions)
     whole = compare(fuelled, replace(read, logs=logs)).uavs['uav1']
     cut = compare(fuelled, replace(read, logs=logs, positions=positions)).uavs['uav1']
+    assert whole.energy_j == pytest.approx(whole.planned_energy_j, rel=2e-4)
     assert cut.battery_wh == pytest.approx(whole.battery_wh * 53 / 113, rel=0.05)
 
 
@@ -219,21 +191,19 @@ def test_origins_on_earth_place_the_logs(plan, flight, tmp_path):
                    for errors in comparison.uavs.values())
 
 
-def fly_twice(flight, later=None):
-    """Return the track of a flight that is flown again some s later, by default 0.1 s after it."""
-    once = fly(flight.plan, 0.0, 0.0)
-    later = later or once.times[-1] - once.times[0] + 0.1
-    return replace(once, times=np.append(once.times, once.times + later), **{
-        name: np.concatenate([getattr(once, name)] * 2, axis=1)
-        for name in ('positions', 'velocities', 'powers')})
-
-
 def swap_axes(flight):
     """Return the track of a flight whose x and y are swapped."""
     return replace(flight, positions=flight.positions[..., [1, 0, 2]])
 
 
+def thin(flight):
+    """Return the track of a flight with one position each 3 s."""
+    return fly(flight.plan, DELAY, OFFSET, frequency=1 / 3)
+
+
 @pytest.mark.parametrize('kind, change, options, words', [
+    ('csv', thin, {'at': 'fit'}, 'by positions that are at most 2 s apart'),
+    ('csv', thin, {'at': 'takeoff'}, 'or only positions over 2 s apart'),
     ('BIN', replace, {}, r'--shift uav1=(99|100)\.\d,(499|500)\.\d'),
     ('csv', fly_twice, {'at': 'fit'}, 'two times fit alike'),
     ('csv', swap_axes, {}, 'x and y fit when they are swapped'),
@@ -344,102 +314,6 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     assert "'uav1=3,4'; it must be UAV=X,Y in m, once for each UAV" in err
 
 
-@pytest.fixture(scope='module')
-def replans():
-    """Return plans of one flight, each with its time: a car goes on, and its estimate changes."""
-    mission = Scenario.paper(110.0, slots=22, error_radius=10.0)
-    plan = replace(fly_hover_fly(mission), start_ns=START_NS)
-    plans = [(-math.inf, plan)]
-    for point in range(1, 21):
-        rest = cut_tail(plan, point)
-        car = Eavesdropper((200.0 - 12.0 * point, 10.0 * point), 10.0)
-        tail = replace(rest, scenario=replace(rest.scenario, eavesdroppers=(car,)),
-                       powers=0.99 * rest.powers)
-        plan = continue_plan(plan, point, tail)
-        plans.append((point * plan.scenario.slot_duration, plan))
-    return plans
-
-
-def test_each_slot_is_compared_with_the_plan_in_force(replans, tmp_path):
-    first, last = replans[0][1], replans[-1][1]
-    assert len({plan.identity for _, plan in replans}) == 21
-    flown = fly(last, 0.0, 0.0)
-    write_bag(flown, tmp_path / 'bag', replans)
-    for given in (first, replans[7][1], last):
-        comparison = compare(given, read_flight(tmp_path / 'bag', given))
-        assert [plan.identity for plan in comparison.flight.course.plans] == [
-            plan.identity for _, plan in replans]
-        # A replan keeps the receivers of the slots before, so the last plan knows them all.
-        assert comparison.planned['guaranteed'].sum(axis=0) == pytest.approx(
-            last.curve_rates, abs=0.02)
-        assert not comparison.broken.any() and comparison.coverage == 1.0
-
-
-def test_a_plan_that_was_in_force_for_some_slots_counts_for_these_alone(plan, flight, tmp_path):
-    silent = replace(plan, powers=plan.powers * 0.0)
-    half = 28 * plan.scenario.slot_duration
-    powers = np.where(flight.times < half, flight.powers, 0.0)
-    write_bag(replace(flight, powers=powers), tmp_path / 'bag', [
-        (-math.inf, plan), (half, silent)])
-    comparison = compare(plan, read_flight(tmp_path / 'bag', plan))
-    planned = comparison.planned['guaranteed'].sum(axis=0)
-    assert planned[:27] == pytest.approx(plan.curve_rates[:27]) and planned[27:].max() == 0.0
-    assert not comparison.broken.any()
-    # The second plan alone would find that half of the powers were not planned.
-    assert comparison.rate('guaranteed', True) == pytest.approx(
-        plan.curve_rates[:27].sum() / 55, rel=1e-6)
-
-
-def test_a_second_flight_in_a_bag_is_compared_if_its_plan_is_given(plan, flight, tmp_path):
-    later = replace(plan, start_ns=START_NS + 200 * 10**9)
-    write_bag(fly_twice(flight, 200.0), tmp_path / 'bag', [(-math.inf, plan), (150.0, later)])
-    for given in (plan, later):
-        comparison = compare(given, read_flight(tmp_path / 'bag', given))
-        assert comparison.coverage == 1.0 and not comparison.broken.any()
-        assert all(errors.error_max_m < 0.01 for errors in comparison.uavs.values())
-        assert any('was flown, too' in note for note in comparison.flight.notes)
-    with pytest.raises(LogFileError, match=f'is a flight of the plan {later.identity}'):
-        read_flight(tmp_path / 'bag', replace(plan, start_ns=0))
-    with pytest.raises(OptionError, match='flight is of the plan'):
-        compare(plan, read_flight(tmp_path / 'bag', later))
-
-
-@pytest.mark.parametrize('places', [('/alpha', '/bravo'), ('/alpha', ''), ('', '/bravo')])
-def test_of_several_teams_in_a_bag_the_one_that_flies_the_plan_counts(
-        places, plan, flight, tmp_path):
-    silent = replace(plan, powers=0.0 * plan.powers)
-    far = replace(flight, positions=flight.positions + 1000.0, powers=0.0 * flight.powers,
-                  plan=silent)
-    for team, track in (('alpha', far), ('bravo', flight)):
-        write_bag(track, tmp_path / team)
-    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for team, namespace in zip(('alpha', 'bravo'), places):
-            with AnyReader([tmp_path / team], default_typestore=STORE) as reader:
-                topics = {item.topic: writer.add_connection(
-                    f'{namespace}{item.topic}', item.msgtype, typestore=STORE)
-                    for item in reader.connections}
-                for item, stamp, data in reader.messages():
-                    writer.write(topics[item.topic], stamp, data)
-    alone, among = (compare(plan, read_flight(tmp_path / bag, plan)) for bag in ('bravo', 'bag'))
-    assert among.to_dict() == alone.to_dict() and not among.broken.any()
-
-
-def test_a_copy_of_a_plan_in_another_namespace_is_no_other_team(plan, flight, tmp_path):
-    write_bag(flight, tmp_path / 'alone', late=DELAY)
-    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        with AnyReader([tmp_path / 'alone'], default_typestore=STORE) as reader:
-            topics = {name: writer.add_connection(name, item.msgtype, typestore=STORE)
-                      for item in reader.connections
-                      for name in (item.topic, *(['/gcs/plan'] if item.topic == '/plan' else []))}
-            for item, stamp, data in reader.messages():
-                if item.topic == '/plan':
-                    writer.write(topics['/gcs/plan'], stamp - 10**6, data)
-                writer.write(topics[item.topic], stamp, data)
-    alone, copied = (compare(plan, read_flight(tmp_path / bag, plan)).to_dict()
-                     for bag in ('alone', 'bag'))
-    assert copied == alone and alone['time_from'] == 'plan_time'
-
-
 def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):
     flight = fly(plan, 0.0, 0.0)
     write_csv(flight, tmp_path / 'whole.csv', START_NS * 1e-9)
@@ -513,55 +387,6 @@ def test_each_of_several_nodes_gets_what_an_integral_of_its_own_says(tmp_path):
             rate(squares(place, 0.0, 0.0)) - leak for place in places]
     assert snr == 10.0**(mission.reference_snr_db / 10.0) and totals.min() > 0.5
     assert comparison.delivered() == pytest.approx(totals, rel=0.02)
-
-
-@pytest.mark.parametrize('has_tracks', [False, True])
-def test_a_promise_ends_where_the_flight_is_late_for_receivers_that_move(
-        has_tracks, plan, tmp_path):
-    eve = plan.scenario.eavesdroppers[0]
-    predicted = replace(plan, scenario=replace(plan.scenario, eavesdroppers=[replace(
-        eve, position=None, error_radius=None, track=[
-            (time, *eve.position, eve.error_radius) for time in (0.0, 200.0)])]),
-        bound=None) if has_tracks else replace(plan, promised_until=100.0)
-    for late, promised in ((0.0, predicted.promised_slots.sum()), (0.5, 0)):
-        write_bag(fly(predicted, late, 0.0), tmp_path / f'bag{late}', late=late)
-        comparison = compare(predicted, read_flight(tmp_path / f'bag{late}', predicted))
-        assert comparison.promised.sum() == promised
-        assert bool(comparison.flight.notes) == (promised == 0)
-        assert all(errors.delay_s == pytest.approx(0.0, abs=0.02)
-                   for errors in comparison.uavs.values())
-
-
-def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
-    on_time, late = (replace(plan, bound=None, scenario=replace(plan.scenario, eavesdroppers=[
-        Eavesdropper(track=[(-delay, 200.0, -300.0, 10.0), (200.0 - delay, 200.0, 300.0, 10.0)])]))
-        for delay in (0.0, 5.0))
-    flight = fly(on_time, 5.0, 0.0)
-    flight = replace(flight, powers=find_powers(plan, flight.times - 5.0))
-    write_bag(flight, tmp_path / 'bag', late=5.0)
-    comparison = compare(on_time, read_flight(tmp_path / 'bag', on_time))
-    assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(
-        late.curve_rates, rel=0.01, abs=0.01)
-    assert np.abs(late.curve_rates - on_time.curve_rates).max() > 0.05
-    # The same by a log in UTC, whose time of the plan is found by the flight itself.
-    write_csv(flight, tmp_path / 'flight.csv', START_NS * 1e-9)
-    for at in ('fit', 'takeoff'):
-        fitted = compare(on_time, read_flight(tmp_path / 'flight.csv', on_time, at=at))
-        assert fitted.achieved['guaranteed'].sum(axis=0) == pytest.approx(
-            late.curve_rates, rel=0.01, abs=0.01)
-        assert comparison.promised.sum() == fitted.promised.sum() == 0
-    # A plan that expects the delay is flown on time, by UTC, too.
-    expected = replace(on_time, promise_delay=5.0)
-    by_utc = compare(expected, read_flight(tmp_path / 'flight.csv', expected))
-    assert by_utc.promised.all() and by_utc.uavs['uav1'].error_rms_m < 0.1
-    # A replan that expects the delay changes nothing for the slots before it.
-    begin = 25 * plan.scenario.slot_duration
-    revision = replace(late, powers=0.99 * late.powers, promise_delay=5.0)
-    write_bag(flight, tmp_path / 'replanned', [(-math.inf, on_time), (begin + 5.0, revision)],
-              late=5.0)
-    comparison = compare(on_time, read_flight(tmp_path / 'replanned', on_time))
-    assert comparison.achieved['guaranteed'].sum(axis=0)[:24] == pytest.approx(
-        late.curve_rates[:24], rel=0.01, abs=0.01)
 
 
 def test_a_way_from_home_to_the_start_is_no_departure(plan, tmp_path):

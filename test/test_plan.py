@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    Channel, Eavesdropper, fly_hover_fly, GroundNode, Plan, Scenario, solve)
+    Channel, Eavesdropper, fly_hover_fly, GroundNode, Iteration, Plan, Scenario, solve)
 from secure_uav_planner.errors import OptionError, PlanError, PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.output.picture import draw_plan
@@ -144,6 +144,8 @@ def test_a_missing_field_of_an_older_file_takes_its_default(tmp_path):
     ({'start_ns': 10**400}, 'start_ns', 'start_ns is'),
     ({'powrs': 1}, 'powrs', 'did you mean powers'), ({'history': 5}, 'history', 'history is 5'),
     ({'history': [{'number': 'one'}]}, 'history[0]', 'history[0] lacks'),
+    ({'history/0/number': 'one'}, 'history[0].number', "number is 'one'"),
+    ({'history/0/elapsed': math.nan}, 'history[0].elapsed', 'elapsed is nan'),
     ({'scenario': None}, 'scenario', 'mission is null'),
     ({'positions': None}, 'positions', 'positions'),
     ({'version': True}, '', 'its version is true'),
@@ -159,6 +161,13 @@ def test_a_wrong_field_of_a_file_is_named(tmp_path, change, field, message):
         Plan.load(path)
     assert message in str(error.value) and len(str(error.value)) < 300
     assert error.value.field == field
+
+
+def test_a_history_in_numbers_of_numpy_survives_its_file(tmp_path, plan):
+    counted = replace(plan, history=(
+        Iteration(np.int64(3), 'own', np.float32(1.5), np.float64(0.1), np.float32(0.0)),))
+    counted.save(tmp_path / 'plan.json')
+    assert Plan.load(tmp_path / 'plan.json') == counted
 
 
 def test_a_new_file_has_the_permissions_of_the_umask_and_a_replaced_one_keeps_its_own(

@@ -14,7 +14,7 @@ from secure_uav_planner import (
     Eavesdropper, GroundNode, NoFlyZone, Plan, Scenario, shortest_duration, solve, Uav)
 from secure_uav_planner.bound.shortest import check_bits
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
-from secure_uav_planner.plan.splice import cut_tail
+from secure_uav_planner.plan.splice import continue_plan, cut_tail
 from strategies import scenarios, with_uavs
 
 
@@ -70,6 +70,8 @@ def test_a_plan_says_that_it_suffices_only_while_it_does(tmp_path):
     assert 'suffices' in plan.message
     assert 'suffices' not in replace(plan, powers=0.5 * plan.powers).message
     assert 'suffices' not in cut_tail(plan, 3).message
+    rest = replace(cut_tail(plan, 3), bits=1.0, too_short=60.0)  # As planned for by itself.
+    assert 'suffices' in rest.message and 'suffices' not in continue_plan(plan, 3, rest).message
 
 
 COVERED = replace(Scenario.paper(120.0, slots=6),
@@ -79,7 +81,8 @@ SLOW = with_uavs(Scenario.paper(120.0), max_acceleration=3.0)
 
 @pytest.mark.parametrize('scenario, bits, words', [
     (COVERED, 250.0, 'the disc of eavesdropper covers the ground node'),
-    (Scenario.paper(120.0), 1e9, '20000 s in slots of 1 s, .* 305755 bit/Hz, .* longer slots'),
+    (Scenario.paper(120.0), 1e9, '20000 s in slots of 1 s, .* 305754 bit/Hz, .* longer slots'),
+    (replace(Scenario.paper(120.0), reference_snr_db=-20.0), 9.0, r'at most 0\.115\d+ bit/Hz'),
     (with_uavs(SLOW, max_energy=1e8), 1e9, '20000 s in slots of 1 s, .* longer slots'),
     (with_uavs(SLOW, max_energy=1e5), 1e9, 'delivers at most .* a larger max_energy')])
 def test_bits_that_no_flight_can_deliver_are_refused_without_a_search(

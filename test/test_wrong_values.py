@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import (
-    assess, Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, NoFlyZone, Origin,
+    assess, Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Iteration, NoFlyZone, Origin,
     Propulsion, Scenario, shortest_duration, solve, Uav, upper_bound, World)
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.fields import Number
@@ -111,6 +111,9 @@ MISSIONS = [
     (PAPER, {'no_fly_zones': [TOWER, NoFlyZone(around((100, -500)), 105)]}, 'uavs[1].goal',
      'uav2.goal is (100.0, -500.0) at 110 m, inside zone 2'),
     (PAPER, {'geofence': around((100, -500), 400.0)}, 'uavs[0].start', 'outside the geofence'),
+    (PAPER, {'geofence': around((100, 0), 500.5), 'uavs': [replace(
+        uav, max_acceleration=2.0, start=(100.0, 500.0 + lift), start_velocity=None)
+        for uav, lift in zip(PAPER.uavs, (0.0, 0.6))]}, 'uavs[1].start', 'outside the geofence'),
     (PAPER, {'separation': 11.0}, 'separation',
      'at most 10 m, the distance between the starts of uav1 and uav2'),
     (PAPER, {'uavs': (between((0, 0), (0, 0), 'a'), between((50, 0), (0, 0), 'b')),
@@ -233,6 +236,7 @@ PLANS = [
     *((PLAN, {'start_ns': start}, 'start_ns', '') for start in (-5, 2**63 - 1, 1.5, True)),
     (PLAN, {'positions': np.zeros((2, 103, 2))}, 'positions', ''),
     (PLAN, {'history': (5,)}, 'history[0]', 'must be'),
+    (PLAN, {'history': (Iteration(0, 'start', -math.inf, 0.0, 0.0),)}, 'history', 'finite'),
     *((PLAN, {'gaps': gaps}, 'gaps', '') for gaps in (5, [[2, 1]], [[1, 3], [2, 4]])),
     *((PLAN, {'gaps': [gap]}, 'gaps[0]', '') for gap in (
         5, [1], [1, 2, 3], ['a', 1], [1, math.nan])),

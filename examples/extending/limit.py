@@ -24,6 +24,10 @@ class RangeLimit(Limit):
         if farthest > REACH + 1e-6:
             raise PlanError(f'a UAV is {farthest:.9g} m away; at most {REACH} m are allowed')
 
+    def shape_start(self, positions):
+        """Keep a first flight, such as fly-hover-fly, in reach."""
+        return self.retract(positions)
+
     def retract(self, positions):
         """Move points that are out of reach to the edge."""
         offsets = positions - BASE

@@ -13,7 +13,7 @@ from ..mission.fields import check_argument, find_range, Number
 from ..mission.kinematics import DURATION
 from ..mission.participants import Propulsion
 from ..mission.scenario import Scenario
-from ..mission.validation import checked_callback, checked_kind, checked_time_limit
+from ..mission.validation import checked_callback, checked_kind, checked_time_limit, round_down
 from ..model.channel.links import make_link
 from ..model.problem import Problem
 from ..optimize import solve
@@ -108,8 +108,8 @@ def check_bits(scenario: Scenario, bits: float) -> None:
     if bits > most * (1 + 1e-6):
         raise InfeasibleMissionError(
             f'bits is {bits:g} bit/Hz; the longest flight, {longest:g} s in slots of '
-            f'{scenario.slot_duration:g} s, delivers at most {most:.0f} bit/Hz, straight above '
-            'a ground node at peak power; ask for less, or for ' + (
+            f'{scenario.slot_duration:g} s, delivers at most {round_down(most):g} bit/Hz, '
+            'straight above a ground node at peak power; ask for less, or for ' + (
                 'a larger max_energy' if longest in _find_battery_durations(scenario)
                 else 'longer slots'), ('bits',))
 

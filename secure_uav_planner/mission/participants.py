@@ -303,13 +303,14 @@ class Uav(Checked):
         """
         Return the largest distance in m of the flown curve at point 0 or N+1 from start or goal.
 
-        The distance is 0 for a UAV that rests at this end or has no limit of acceleration: its
-        curve begins at the start, or ends at the goal.
+        The distance is 0 for a UAV that rests at this end, has a free velocity there, or has no
+        limit of acceleration: its curve passes the start or the goal itself.
 
         :param end: 'start' or 'goal'.
         :param slot_duration: length of a slot in s.
         """
-        if self.max_acceleration is None or getattr(self, f'{end}_velocity') == (0.0, 0.0):
+        if self.max_acceleration is None or (
+                getattr(self, f'{end}_velocity') in (None, (0.0, 0.0))):
             return 0.0
         return self.max_acceleration * slot_duration**2 / 8
 

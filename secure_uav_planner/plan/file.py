@@ -8,7 +8,7 @@ import math
 import os
 from typing import Any
 
-from .results import Bound, RatedFlight
+from .results import Bound, check_bound, RatedFlight
 from ..errors import PlanFileError, prefix_path, quote, yaml_notation
 from ..mission.fields import check_items, read_object, refuse
 from ..mission.files import atomic_file, checked_path, read_text
@@ -20,7 +20,6 @@ _MOST_BYTES = 2**29
 LONGEST_FRAME = 255
 """Most characters of the name of a frame of coordinates; each setpoint repeats the name."""
 
-_ROUNDING = 1e-9  # Rate [bit/s/Hz] by which a file's bound may be below its plan's own rate.
 _PLAIN = ('method', 'status', 'solve_time', 'start_ns', 'objective', 'promised_until', 'gaps',
           'promise_delay', 'promise_speed', 'bits', 'too_short')
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # Written for other programs, never read.
@@ -133,17 +132,8 @@ def _read_document(document: object, kind: type[RatedFlight]) -> Any:
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
     plan = read_object(kind, values, 'plan')
-    if values.get('bound') is not None:
-        _check_bound(plan, values['bound'])
+    check_bound(plan, plan.bound)
     return plan
-
-
-def _check_bound(plan: RatedFlight, bound: Bound) -> None:
-    """Raise a PlanFileError if a bound is below the plan's own rate of the bound's objective."""
-    rate = getattr(plan, f'{bound.objective}_rate')
-    if bound.rate < rate - _ROUNDING:
-        raise PlanFileError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "
-                            f'{bound.objective} rate, which is {rate!r} bit/s/Hz')
 
 
 def _check_numbers(values: object) -> None:

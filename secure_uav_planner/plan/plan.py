@@ -13,7 +13,8 @@ import numpy as np
 from . import file
 from .promise import find_promised_slots, Mask, Promise
 from .results import (
-    Bound, explain_zero_rate, Iteration, LEAST_RATE, RatedFlight, Status, STATUS_TEXTS, STATUSES)
+    Bound, check_bound, explain_zero_rate, Iteration, LEAST_RATE, RatedFlight, Status,
+    STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
@@ -124,6 +125,8 @@ class Plan(RatedFlight):
                 not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario):
             raise PlanError(f'bound is {quote(self.bound)}; it must be None or a Bound of the '
                             "plan's scenario", ('bound',))
+        if not all(math.isfinite(iteration.rate) for iteration in self.history):
+            raise PlanError('history has an infinite rate; rates must be finite', ('history',))
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()
@@ -287,9 +290,11 @@ class Plan(RatedFlight):
         Return a copy of this plan with a bound, which is saved and shown with it.
 
         :param bound: a Bound of the plan's scenario by upper_bound, or None.
-        :raises PlanError: for anything else.
+        :raises PlanError: for anything else, and for a bound below the plan's own rate.
         """
-        return self._replace_and_keep_rates(bound=bound)
+        plan = self._replace_and_keep_rates(bound=bound)
+        check_bound(plan, bound)
+        return plan
 
     def evaluate(self) -> 'Plan':
         """Evaluate the rates now, which the plan then keeps; return the plan itself."""

@@ -8,7 +8,7 @@ from typing import Any, get_args, Literal, TypeAlias
 
 import numpy as np
 
-from ..errors import OptionError, quote
+from ..errors import OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
 from ..mission.fields import (
     check_items, Checked, checked_by, checked_text, Choice, Instance, Number, read_object, refuse,
@@ -34,6 +34,8 @@ STATUS_TEXTS: dict[Status, str] = {
 """A text for each status."""
 
 _RATE = Number(-math.inf, math.inf, 'bit/s/Hz')
+
+_ROUNDING = 1e-9  # Rate [bit/s/Hz] by which a bound may be below its plan's own rate.
 
 LEAST_RATE = 5e-5
 """Smallest rate [bit/s/Hz] that a text with four digits does not show as 0."""
@@ -107,6 +109,7 @@ class Iteration(Checked):
     :param elapsed: time since the call [s].
     :param solver_time: part of `elapsed` [s] spent inside Clarabel. For 'joint' it is the part
         spent on solving for Newton steps.
+    :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
     number: int = field(metadata=checked_by(WholeNumber(0, 1e9)))
@@ -114,9 +117,6 @@ class Iteration(Checked):
     rate: float = field(metadata=checked_by(_RATE))
     elapsed: float = field(metadata=checked_by(TIME))
     solver_time: float = field(metadata=checked_by(TIME))
-
-    def __post_init__(self) -> None:
-        """Skip the checks, for speed; read_object checks the iterations of a file."""
 
     @property
     def guaranteed_rate(self) -> float:
@@ -362,3 +362,13 @@ def check_plan(plan: RatedFlight, scenario: Scenario) -> None:
     if plan.scenario != scenario:
         raise OptionError('plan is for another scenario; it must be a plan of the scenario given',
                           ('plan',))
+
+
+def check_bound(plan: RatedFlight, bound: Bound | None) -> None:
+    """Raise a PlanError if a bound is below the plan's own rate of the bound's objective."""
+    if bound is None:
+        return
+    rate = getattr(plan, f'{bound.objective}_rate')
+    if bound.rate < rate - _ROUNDING:
+        raise PlanError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "
+                        f'{bound.objective} rate, which is {rate!r} bit/s/Hz', ('bound',))

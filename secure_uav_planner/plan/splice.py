@@ -81,7 +81,8 @@ def continue_plan(plan: Plan, point: int, tail: Plan,
         if they are not the plan's.
     :param first: index of the last point at which the receivers and the promise of the plan
         apply; by default `point`. The tail's receivers and promise apply after it.
-    :return: a Plan of the whole mission, with the plan's start, the tail's method and no bound.
+    :return: a Plan of the whole mission, with the plan's start and the tail's method. It has no
+        bound, bits and too_short.
     :raises OptionError: for another number of UAVs or receivers, or a wrong point.
     """
     scenario = checked_kind('plan', plan, Plan).scenario

@@ -13,6 +13,7 @@ from ...errors import LogFileError
 from ...mission import TimeSource
 from ...mission.scenario import Array
 from ...plan.plan import Plan
+from ...plan.tracking import LONGEST_GAP
 
 STEP_S = 0.1
 """Step of the times at which a flight is compared with its plan."""
@@ -91,7 +92,8 @@ def find_clock(log: VehicleLog, shift: Shift, source: TimeSource, times: Array, 
         return times / (plan.promise_speed if source == 'utc' else 1.0) + shift.seconds
     assert log.plan_times is not None
     clock, flown = log.plan_times
-    return np.interp(times, flown, clock, left=np.nan, right=np.nan)
+    inside = np.clip(times, flown[0], flown[-1])  # Reports are rounded to ns.
+    return np.where(np.abs(times - inside) < 1e-6, np.interp(inside, flown, clock), np.nan)
 
 
 def _find_reported_shift(log: VehicleLog) -> Shift:
@@ -147,7 +149,8 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     means[counts < _LEAST_OVERLAP * planned] = np.inf
     best = int(np.argmin(means))
     if not math.isfinite(means[best]):
-        raise LogFileError(f'the log covers less than {_LEAST_OVERLAP:.0%} of the plan')
+        raise LogFileError(f'the log covers less than {_LEAST_OVERLAP:.0%} of the plan by '
+                           f'positions that are at most {LONGEST_GAP:g} s apart')
     lags += first
     rms, seconds = math.sqrt(means[best]), _refine_lag(lags, means, best)
     second, second_rms = _find_second_minimum(lags, means, best)

@@ -71,6 +71,8 @@ class FlightBag:
         course = _make_course([(report.identity, (report.plan_ns - start_ns) * 1e-9)
                                for report in flown], revisions, plan)
         plan_times = _find_plan_times(flown, self.origin_ns, start_ns)
+        if plan_times is None:
+            notes.append('plan_time does not advance: by it, the plan was not flown')
         return {name: replace(log, plan_times=plan_times, notes=(*log.notes, *notes))
                 for name, log in self.logs.items()}, course
 
@@ -109,12 +111,16 @@ class FlightBag:
             raise LogFileError(f'the plan {plan.identity} was published in it and not flown')
         notes = []
         restarts = np.flatnonzero(np.diff([report.plan_ns for report in flown]) < -_RESTART_NS)
-        if len(restarts):
-            flown = flown[restarts[-1] + 1:]
-            notes.append(f'the plan was begun {len(restarts) + 1} times: the last flight counts')
+        edges = [0, *(restarts + 1), len(flown)]
+        # After a reset, the plan waits at its start: this is no flight.
+        flights = [part for part in (flown[begin:end] for begin, end in zip(edges, edges[1:]))
+                   if part[-1].plan_ns > part[0].plan_ns]
+        if len(flights) > 1:
+            notes.append(f'the plan was begun {len(flights)} times: the last flight counts')
         others = dict.fromkeys(report.identity for report in self.reports)
-        return flown, notes + [f'the plan {identity} was flown, too: it is compared if it is given'
-                               for identity in others if identity not in revisions]
+        return (flights or [flown])[-1], notes + [
+            f'the plan {identity} was flown, too: it is compared if it is given'
+            for identity in others if identity not in revisions]
 
 
 def _make_course(in_force: Iterable[tuple[str, float]], plans: dict[str, Plan], given: Plan
@@ -149,7 +155,7 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
         return plan
     start_ns, curve = plan.start_ns or 0, plan.curve
     begin_ns = start_ns if plan.start_ns is not None else next(
-        (report.clock_ns - report.plan_ns for report, after in zip(reports, reports[1:])
+        (after.clock_ns - after.plan_ns for report, after in zip(reports, reports[1:])
          if after.plan_ns > report.plan_ns), 0)
     for report in reports:
         time = (report.plan_ns - start_ns) * 1e-9
@@ -161,15 +167,31 @@ def _end_promise(plan: Plan, reports: Sequence[Report]) -> Plan:
     return plan
 
 
-def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples:
-    """Return times [s] of reports: on the log's clock from origin_ns, of plan from start_ns."""
+def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -> Samples | None:
+    """
+    Return times [s] of reports: on the log's clock from origin_ns, of the plan from start_ns.
+
+    None is returned for reports of a plan whose time never advances.
+    """
     clock_ns, plan_ns = np.array([report[:2] for report in reports]).T
+    clock, flown = (clock_ns - origin_ns) * 1e-9, (plan_ns - start_ns) * 1e-9
     advances = np.diff(plan_ns) > 0
+    before, after = np.append(False, advances), np.append(advances, False)
     # While the plan's time stands, only the first and the last report are kept.
-    counts = np.append(advances, False) | np.append(False, advances)
+    counts = before | after
     if not counts.any():
-        raise LogFileError('the time of its plan does not advance')
-    return (clock_ns[counts] - origin_ns) * 1e-9, (plan_ns[counts] - start_ns) * 1e-9
+        return None
+    # Between two reports, the plan's time begins or ceases to stand: it advances at the pace [s of
+    # the clock for each s of the plan] of the next or the last whole step.
+    steps = np.diff(flown)
+    paces = np.diff(clock) / np.where(advances, steps, np.inf)
+    ends = np.flatnonzero(before[2:] & before[1:-1] & ~after[2:]) + 2
+    begins = np.flatnonzero(after[:-2] & after[1:-1] & ~before[:-2])
+    latest = clock[ends - 1] + steps[ends - 1] * paces[ends - 2]
+    earliest = clock[begins + 1] - steps[begins] * paces[begins + 1]
+    clock[ends] = np.minimum(clock[ends], latest)
+    clock[begins] = np.maximum(clock[begins], earliest)
+    return clock[counts], flown[counts]
 
 
 def read_bag(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan) -> FlightBag:
@@ -179,15 +201,18 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan) -> F
     Topics `plan`, `plan_time` and `<uav>/setpoint/power` are read as well, if the bag has them. Of
     several teams, each in a namespace, the one that has or flies the plan is read.
     The clock of a log is the one in the headers of its odometry, which may be simulated. Messages
-    without a header get a time of this clock by interpolation over times of arrival.
+    without a header get a time of this clock by interpolation over times of arrival: of plan_time,
+    whose sender sends the powers, too, and in a bag without it, of the odometry.
     """
     messages = _read_messages(path, uavs, plan)
     flying = [uav for uav in uavs if messages.states[uav]]
     if not flying:
         raise LogFileError(f'it has no odometry of {uavs[0]} (a topic {uavs[0]}/odom)')
-    stamps, headers = np.concatenate([np.array(messages.clocks[uav]) for uav in flying]).T
+    origin_ns = min(header for uav in flying for _, header in messages.clocks[uav])
+    stamps, headers = np.array([pair for uav in ([''] if messages.reports else flying)
+                                for pair in messages.clocks[uav]]).T
     order = np.argsort(stamps, kind='stable')
-    origin_ns, arrival_ns = int(headers.min()), int(stamps.min())
+    arrival_ns = int(stamps.min())
 
     def to_clock(times_ns: Any) -> Any:
         """Return times [ns] of the headers' clock from origin_ns at times of arrival [ns]."""
@@ -212,7 +237,8 @@ class _Messages(NamedTuple):
     What is read of a bag's messages, with times of arrival in ns where not said otherwise.
 
     :ivar states: (x, y, z, u, v) of each UAV in m and m/s.
-    :ivar clocks: for each of these states the times of arrival and of its header.
+    :ivar clocks: for each of these states, and by '' for each of the reports, the times of arrival
+        and of the header.
     :ivar powers: pairs of a time and a power [W] of each UAV.
     :ivar plans: pairs of a time and a plan.
     :ivar reports: reports on plan_time.
@@ -231,7 +257,7 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan
     """Return the messages of a bag on the topics that _choose_topics picks for UAVs."""
     from rosbags.highlevel import AnyReader  # Here, since few need it.
     from rosbags.typesys import get_typestore, Stores
-    read = _Messages({uav: [] for uav in uavs}, {uav: [] for uav in uavs},
+    read = _Messages({uav: [] for uav in uavs}, {uav: [] for uav in ('', *uavs)},
                      {uav: [] for uav in uavs}, [], [], [])
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         team = _find_team(reader, plan)
@@ -247,6 +273,7 @@ def _read_messages(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan
                 read.powers[uav].append((stamp, float(message.data)))
             elif role == 'plan_time':
                 read.reports.append(_make_report(message))
+                read.clocks[''].append((stamp, read.reports[-1].clock_ns))
             else:
                 try:
                     read.plans.append((stamp, parse_text(message.data, Plan)[0]))

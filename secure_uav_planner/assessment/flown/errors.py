@@ -138,7 +138,7 @@ def _measure_motion(flight: FlownFlight, index: int) -> tuple[float, float, floa
     uav, clock = flight.plan.scenario.uavs[index], flight.clocks[index]
     clock = clock[np.isfinite(clock)]
     # Speeds and energy are measured on the log's clock, since the plan's time stops in a pause.
-    times = np.arange(clock[0], clock[-1], STEP_S) if len(clock) else np.zeros(0)
+    times = np.arange(clock[0], clock[-1] + STEP_S / 2, STEP_S) if len(clock) else np.zeros(0)
     if len(times) < 2:
         return math.nan, math.nan, math.nan
     velocities = flight.logs[uav.name].velocities_at(times)

@@ -13,6 +13,7 @@ from ...errors import LogFileError, OptionError, quote
 from ...mission import TimeSource
 from ...mission.fields import check_argument, checked_point
 from ...mission.scenario import Array, Scenario
+from ...plan.tracking import LONGEST_GAP
 
 START_TOLERANCE_M = 5.0
 """Distance from the plan's start up to which local frames are taken as equal."""
@@ -66,7 +67,8 @@ def check_place(log: VehicleLog, clock: Array, times: Array, course: Course, uav
     inside = np.flatnonzero(np.isfinite(flown[:, 0]))
     if not len(inside):
         raise LogFileError(f'it has no position of {name} in the time of the plan, by '
-                           f'{time_from}; give another --at, such as fit')
+                           f'{time_from}, or only positions over {LONGEST_GAP:g} s apart; give '
+                           'another --at, such as fit')
     first = inside[0]
     offset = course.at(times[[first]]).positions[uav, 0] - flown[first]
     distance = float(np.linalg.norm(offset))

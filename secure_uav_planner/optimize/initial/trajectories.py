@@ -14,13 +14,15 @@ import shapely
 from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
 from .projection import find_flights_near
 from ..deadline import DeadlineCheck
-from ...errors import InfeasibleMissionError, OptionError, ScenarioError, TimeLimitError
+from ...errors import (
+    InfeasibleMissionError, OptionError, PlanError, ScenarioError, TimeLimitError)
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.fields import raise_all
 from ...mission.kinematics import DURATION, find_shortest_duration, UTILISATION_TOLERANCE
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import GEOFENCE
 from ...model.grid import resample
+from ...model.limits import EnergyLimit, NormLimit
 from ...model.problem import Problem
 from ...plan.plan import Plan
 
@@ -315,4 +317,11 @@ def adapt_plan(problem: Problem, plan: Plan,
         feasible = None
     if feasible is None and clear:
         feasible = retracted
+    try:
+        for limit in problem.limits:
+            # Flights near a plan keep the limits of motion; solvers begin beyond those of energy.
+            if feasible is not None and not isinstance(limit, (EnergyLimit, NormLimit)):
+                limit.validate(feasible, powers)
+    except PlanError:
+        feasible = None
     return feasible, powers
