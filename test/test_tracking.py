@@ -284,3 +284,17 @@ def test_a_flight_that_was_paused_is_not_steady_while_it_speeds_up(slope, period
         elif period < after < min(1.0 - 2 * period, 1.0 / slope):
             assert not reports.is_steady(), (after, rate)
         after += period
+
+
+@pytest.mark.parametrize('speed', [0.5, 1.0, 2.0])
+def test_stamps_that_jitter_do_not_change_the_playback_speed(speed):
+    """Before, a replan was promised at the quotient of the last two reports, 5% off."""
+    reports, late = FollowerReports('tester', 'plan', 0.0), np.random.default_rng(1).uniform
+    for number in range(300):
+        clock_ns = 10**12 + 20_000_000 * number
+        reports.add(clock_ns + round(late(0.0, 1e6)), round(speed * clock_ns))
+        _, scale = reports.at(reports.last_ns, 0)
+        if number >= 50:
+            assert scale == pytest.approx(speed, rel=1e-3)
+    reports.add(reports.last_ns + 20_000_000, reports.plan_ns)
+    assert reports.at(reports.last_ns, 0)[1] == 0.0, 'paused'
