@@ -261,9 +261,15 @@ def test_the_achieved_rate_is_the_planned_one_on_the_plan_and_begins_anew_with_a
             fast.add(playback, time, playback.at(time).positions, 30.0)
     assert fast.rates is not None and fast.measured == pytest.approx(0.5, abs=0.05)
     # No time counts twice, and a long gap does not count.
-    exact.add(playback, 59.0, playback.at(59.0).positions)
+    exact.add(playback, playback.duration + 1.5, plan.scenario.goals)
     exact.add(playback, playback.duration + 90.0, plan.scenario.goals)
     assert exact.rates == (achieved, planned)
+    # After ~/reset the same plan is another flight.
+    beside.add(playback, playback.begin, plan.scenario.starts)
+    assert beside.rates is None
+    for time in np.arange(50.0, 53.0, 0.1):
+        beside.add(playback, time, playback.at(time).positions)
+    assert beside.rates[0] == pytest.approx(beside.rates[1]) and beside.measured < 0.1
     later = Playback(replace(plan, start_ns=plan.start_ns + 1))
     exact.add(later, 30.0, later.at(30.0).positions)
     assert exact.rates is None

@@ -404,7 +404,8 @@ class AchievedRates:
 
         The weight is the time within slots since the last call. Nothing is added in the first call
         of a flight, or if more than LONGEST_GAP * max(1, time_scale) has passed since the last
-        call. A plan with another start begins a new flight.
+        call. A plan with another start begins a new flight, and so does a time more than
+        LONGEST_GAP before the last one.
 
         :param time: time [s] of the positions, from point 0 of the plan.
         :param positions: measured positions, (U, 2) in m.
@@ -415,7 +416,7 @@ class AchievedRates:
         if np.shape(positions) != (len(scenario.uavs), 2):
             raise OptionError(f'positions has the shape {quote(np.shape(positions))}; it must be '
                               f'{(len(scenario.uavs), 2)}')
-        if start_ns != self._start_ns:
+        if start_ns != self._start_ns or time < self._last - LONGEST_GAP:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
         last, self._last = self._last, time
         slots_begin, slots_end = scenario.slot_duration * np.array([1, scenario.slots + 1])
