@@ -1,6 +1,7 @@
 """The client for programs in Python, and the examples that use it, with real nodes."""
 
 from contextlib import contextmanager
+import copy
 from dataclasses import replace
 import threading
 import time
@@ -219,12 +220,15 @@ def test_a_path_and_powers_of_another_planner_become_a_plan_that_the_replay_take
     with node_process(ROOT / 'examples/ros/plan_from_path.py',
                       mission_file=tmp_path / 'mission.yaml') as program, (
             node_here('replay')) as replay:
-        # Without the poses of a path or the powers of a slot it goes on.
-        for kind, reason in ((Path, 'a path has no poses'), (Float64MultiArray, 'no plan: ')):
+        # Without the poses of a path or the powers of a slot, or with a late pose, it goes on.
+        late = copy.deepcopy(sent['uav2/path'])
+        late.poses[5].header.stamp.sec += 1
+        for bad, reason in (({'uav1/path': Path(), 'uav2/path': Path()}, 'a path has no poses'),
+                            ({'uav2/path': late}, 'the same stamps, equally spaced'),
+                            ({'uav1/power': Float64MultiArray()}, 'no plan: ')):
             before = len(program.lines)
-            for topic, message in sent.items():
-                client.publisher(type(message), topic, LATCHED).publish(
-                    kind() if isinstance(message, kind) else message)
+            for topic, message in {**sent, **bad}.items():
+                client.publisher(type(message), topic, LATCHED).publish(message)
             wait_for(lambda: any(reason in line for line in program.lines[before:]))
         for topic, message in sent.items():
             client.publisher(type(message), topic, LATCHED).publish(message)

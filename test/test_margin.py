@@ -77,7 +77,8 @@ def test_a_margin_offsets_zones_in_height_as_well_and_the_separation_twice():
 
 def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
     vertices = tuple((x / 3, y / 7) for x, y in COURT)
-    assert offset_polygon(vertices, 0.0) == (vertices,)
+    for margin in (0.0, 0.1 * 3 - 0.3, -1e-9):  # A width below rounding is none.
+        assert offset_polygon(vertices, margin) == (vertices,)
     fence = ((-200.1, -600.2), (400.3, -600.4), (400.5, 600.6), (-200.7, 600.8))
     scenario = replace(Scenario.paper(), separation=7.7, geofence=fence,
                        no_fly_zones=(NoFlyZone(vertices, name='court'),))

@@ -13,6 +13,7 @@ from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.plan.file import parse_text
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
+from sensor_msgs.msg import TimeReference
 from strategies import missions, with_uavs
 from test_mission_file import RICH
 
@@ -136,3 +137,9 @@ def test_markers_of_very_many_points_are_thinned_out():
     for line, positions in zip(lines, plan.positions):
         ends = np.array([[line.points[at].x, line.points[at].y] for at in (0, -1)])
         assert (ends == positions[[0, -1]]).all()
+
+
+def test_the_name_of_a_plan_in_a_report_is_no_longer_than_60_characters():
+    identity, follower = messages.read_plan_time(TimeReference(source=f'{"a" * 10**6} me'))
+    assert len(identity) <= 60 and follower == 'me'
+    assert messages.read_plan_time(TimeReference(source='0123abcd me')) == ('0123abcd', 'me')

@@ -7,9 +7,10 @@ from hypothesis import settings, strategies as st
 from hypothesis.stateful import initialize, invariant, precondition, rule, RuleBasedStateMachine
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, PlanningError, Scenario
+from secure_uav_planner import fly_hover_fly, Plan, PlanningError, Scenario
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
+from secure_uav_planner.plan.flight import VELOCITY_JUMP
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player, POSITION_JUMP
 from secure_uav_planner.plan.splice import continue_plan, cut_tail
@@ -112,6 +113,26 @@ def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slo
         change = np.linalg.norm(after.velocities - before.velocities, axis=-1)
         assert (change <= 2.0 * STEP * (1 + 1e-6)).all()
     assert bench.player.ended and not bench.sent[-1][1].velocities.any()
+
+
+@pytest.mark.parametrize('share', [0.5, 0.95])
+@pytest.mark.parametrize('speed', [1.0, 2.0])
+def test_a_goal_reached_in_a_turn_is_approached_to_a_stop(share, speed):
+    # 8 points of a circle, 20 degrees apart. The uniform bend between two moves of the flight is a
+    # share of the limit. The end of this flight is 7.500000000000001 slots.
+    paper = Scenario.paper(130.0, slots=65)
+    angles = np.radians(20.0) * np.arange(8)
+    radius = share * (20 / 6)**2 / (4 * np.sin(np.radians(10.0))**2)
+    path = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    scenario = replace(paper, duration=20.0, slots=6, uavs=(replace(
+        paper.uavs[0], start=tuple(path[0]), goal=tuple(path[-1]), max_acceleration=1.0,
+        start_velocity=None, goal_velocity=None),))
+    bench = start_flight(Plan(scenario, path[None], np.ones((1, 6)), start_ns=BEGIN), 2.0)
+    while not bench.player.ended:
+        (_, before), after = bench.sent[-1], bench.run(0.05, 0.05, speed=speed)
+        change = np.linalg.norm(after.velocities - before.velocities)
+        assert change <= max(1.0, speed)**2 * 0.05 * (1 + 1e-6) + VELOCITY_JUMP
+    assert not bench.sent[-1][1].velocities.any()
 
 
 TEAM = "and ['uav1', 'uav2'] fly"

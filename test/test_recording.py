@@ -17,6 +17,7 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.ros.planner_status import PlannerStatus
 from secure_uav_planner.ros.recording import record
 from secure_uav_planner.ros.topics import LATCHED, TOPICS
+from strategies import with_uavs
 from test_tracks import drive
 import yaml
 
@@ -70,8 +71,7 @@ def test_every_topic_of_both_nodes_is_there_with_its_type_and_latched_as_it_is(r
             for name in ('uav1', 'uav2'):
                 path = topic.replace('<uav>', name).replace('~/', f'/{node}/')
                 expected[f'/{path.lstrip("/")}'] = entry.kind.__name__
-    for topic in ('/diagnostics', '/plan_time'):
-        del expected[topic]
+    del expected['/diagnostics']
     assert {topic: entries[0][1].rpartition('/')[2] for topic, entries in read.items()} == expected
     with file.open('rb') as stream:
         summary = make_reader(stream).get_summary()
@@ -144,3 +144,18 @@ def test_a_layout_shows_only_topics_that_are_recorded(read, layout):
     (json.loads if layout.endswith('.json') else yaml.safe_load)(text)
     named = set(re.findall(r'(/(?:planner|replay|uav\d)/\w+(?:/\w+)?)', text))
     assert {'/planner/markers', '/replay/markers', '/uav1/path'} <= named <= set(read)
+
+
+@pytest.mark.parametrize('start_ns', [None, 0, 10**18])
+def test_a_recording_begins_when_the_uavs_leave_their_starts(start_ns, tmp_path):
+    # With a limit of acceleration this is half a slot before point 0. Time 0 is the first of all.
+    scenario = with_uavs(Scenario.paper(160.0, slots=8), max_acceleration=2.0)
+    plan, path = replace(fly_hover_fly(scenario), start_ns=start_ns), tmp_path / 'plan.mcap'
+    record(plan, path)
+    topics = messages(path)
+    first = 0 if not start_ns else start_ns - 10 * 10**9
+    for topic in ('/plan', '/plan_time', '/uav1/odom', '/uav1/setpoint/power'):
+        assert topics[topic][0][0] == first
+    if start_ns != 0:  # No time is before 0.
+        flown = compare(plan, read_flight(path, plan))
+        assert all(errors.gap_max_s < 0.5 for errors in flown.uavs.values())

@@ -261,9 +261,15 @@ def test_the_achieved_rate_is_the_planned_one_on_the_plan_and_begins_anew_with_a
             fast.add(playback, time, playback.at(time).positions, 30.0)
     assert fast.rates is not None and fast.measured == pytest.approx(0.5, abs=0.05)
     # No time counts twice, and a long gap does not count.
-    exact.add(playback, 59.0, playback.at(59.0).positions)
+    exact.add(playback, playback.duration + 1.5, plan.scenario.goals)
     exact.add(playback, playback.duration + 90.0, plan.scenario.goals)
     assert exact.rates == (achieved, planned)
+    # After ~/reset the same plan is another flight.
+    beside.add(playback, playback.begin, plan.scenario.starts)
+    assert beside.rates is None
+    for time in np.arange(50.0, 53.0, 0.1):
+        beside.add(playback, time, playback.at(time).positions)
+    assert beside.rates[0] == pytest.approx(beside.rates[1]) and beside.measured < 0.1
     later = Playback(replace(plan, start_ns=plan.start_ns + 1))
     exact.add(later, 30.0, later.at(30.0).positions)
     assert exact.rates is None
@@ -284,3 +290,17 @@ def test_a_flight_that_was_paused_is_not_steady_while_it_speeds_up(slope, period
         elif period < after < min(1.0 - 2 * period, 1.0 / slope):
             assert not reports.is_steady(), (after, rate)
         after += period
+
+
+@pytest.mark.parametrize('speed', [0.5, 1.0, 2.0])
+def test_stamps_that_jitter_do_not_change_the_playback_speed(speed):
+    """Before, a replan was promised at the quotient of the last two reports, 5% off."""
+    reports, late = FollowerReports('tester', 'plan', 0.0), np.random.default_rng(1).uniform
+    for number in range(300):
+        clock_ns = 10**12 + 20_000_000 * number
+        reports.add(clock_ns + round(late(0.0, 1e6)), round(speed * clock_ns))
+        _, scale = reports.at(reports.last_ns, 0)
+        if number >= 50:
+            assert scale == pytest.approx(speed, rel=1e-3)
+    reports.add(reports.last_ns + 20_000_000, reports.plan_ns)
+    assert reports.at(reports.last_ns, 0)[1] == 0.0, 'paused'

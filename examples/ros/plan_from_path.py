@@ -1,13 +1,15 @@
 """
 Have the replay fly the plan of another planner, which publishes a path and powers for each UAV.
 
-The parameter mission_file gives what these lack: limits and receivers.
+The parameter mission_file gives what these lack: limits and receivers. All paths have the same,
+equally spaced stamps.
 """
 
 from dataclasses import replace
 import functools
 
 from nav_msgs.msg import Path
+import numpy as np
 import rclpy
 from secure_uav_planner import Plan, PlanningError, Scenario
 from secure_uav_planner.ros import messages
@@ -20,7 +22,12 @@ def make_plan(mission, paths, powers):
     if not all(path.poses for path in paths):
         raise PlanningError('a path has no poses')
     places = [[(at.pose.position.x, at.pose.position.y) for at in path.poses] for path in paths]
-    first, last = (messages.nanoseconds(paths[0].poses[at].header.stamp) for at in (0, -1))
+    stamps = [[messages.nanoseconds(at.header.stamp) for at in path.poses] for path in paths]
+    first, last = stamps[0][0], stamps[0][-1]
+    even = np.linspace(first, last, len(stamps[0]))
+    if not all(len(line) == len(even) and np.allclose(line, even, rtol=0.0, atol=1e6)
+               for line in stamps):
+        raise PlanningError('the poses of all paths must have the same stamps, equally spaced')
     slots = len(powers[0])
     uavs = [replace(uav, start=line[0], goal=line[-1]) for uav, line in zip(mission.uavs, places)]
     return Plan(replace(mission, uavs=tuple(uavs), slots=slots,

@@ -98,8 +98,8 @@ def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     Holes that the offset encloses are filled. An inward offset keeps the margin from the outline;
     it may be several polygons, or none.
     """
-    if margin == 0:
-        return (vertices,)
+    if abs(margin) <= _OFFSET_TOLERANCE:
+        return (vertices,)  # Of a width that is below rounding, shapely's buffer is empty.
     polygon, width = shapely.Polygon(vertices), margin
     while True:
         shape = polygon.buffer(width, join_style='mitre', mitre_limit=_MITRE_LIMIT)

@@ -122,7 +122,7 @@ class Curve:
         """Return position, velocity, acceleration on the B-spline in m and slots, (U, K, 2)."""
         inside = np.clip(slot_times, -0.5, self._last + 0.5)
         position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
-        flying = (inside == slot_times)[:, None]
+        flying = (np.abs(inside - slot_times) <= 1e-9)[:, None]
         return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
 
 

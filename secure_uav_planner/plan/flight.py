@@ -13,7 +13,8 @@ VELOCITY_JUMP = 1e-3
 """Change of velocity [m/s] that is allowed beyond the acceleration limit, for rounding."""
 
 _BRAKING_STEP = 0.05  # Time step [s] of the integration of braking.
-_MOST_BRAKING_STEPS = 200  # Limit of the time that the integration of braking takes: about 15 ms.
+_STOP_STEPS = 200  # Largest number of time steps of a stop with constant acceleration.
+_MOST_BRAKING_STEPS = 1000  # Time steps of an integration, which takes at most 10 ms.
 _ROUNDING = 1e-8  # Tolerance of a time [s], because stamps are whole ns.
 
 
@@ -129,15 +130,15 @@ class TimeScaleLimit:
             self._braking_times, self._braking_scales = self._integrate_braking(fastest)
         if not len(self._braking_times):
             return target
-        return min(target, float(np.interp(
-            time, self._braking_times, self._braking_scales, left=target)))
+        # Before the curve begins, its first playback speed holds.
+        return min(target, float(np.interp(time, self._braking_times, self._braking_scales)))
 
     def _integrate_braking(self, fastest: float) -> tuple[Array, Array]:
         """
         Integrate the largest playback speeds from which the flight can stop at its goals.
 
         The integration runs backwards from the end, where the playback speed is 0, until it
-        reaches the playback speed `fastest` or the begin, or until the limits allow no slowing.
+        reaches the playback speed `fastest` or the begin, or for _MOST_BRAKING_STEPS.
 
         :return: increasing times [s] and playback speeds there; empty if all UAVs arrive at rest.
         """
@@ -146,19 +147,24 @@ class TimeScaleLimit:
         if (speeds < VELOCITY_JUMP).all():
             return np.empty(0), np.empty(0)
         step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
-                   float((speeds / limits).max()) / _MOST_BRAKING_STEPS)
+                   float((speeds / limits).max()) / _STOP_STEPS)
+        count = min(math.ceil((playback.duration - playback.begin) / step), _MOST_BRAKING_STEPS)
+        times = playback.duration - step * np.arange(count + 1)
+        motion = playback.curve.at(times)
+        products = (motion.velocities * motion.accelerations).sum(axis=-1).T
+        norms = (motion.velocities**2).sum(axis=-1).T + 1e-12
+        bends = (motion.accelerations**2).sum(axis=-1).T
         # The square s^2 of the playback speed s falls at the rate d(s^2)/dt = -2 slowing.
-        times, squares, slowing = [playback.duration], [0.0], 1.0
-        while squares[-1] < fastest**2 and slowing > 0 and times[-1] > playback.begin:
-            moment, square = playback.at(times[-1]), squares[-1]
-            velocity, acceleration = moment.velocities, square * moment.accelerations
+        squares = [0.0]
+        for product, norm, bend in zip(products[:-1], norms, bends):
+            square = squares[-1]
+            if square >= fastest**2:
+                break
             # Playback speeds are interpolated linearly, which near rest doubles the slowing.
             allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
-            # The largest slowing d with |acceleration - d velocity| <= allowed for every UAV.
-            product = (velocity * acceleration).sum(axis=1)
-            norm = (velocity**2).sum(axis=1) + 1e-12
-            root = product**2 - norm * ((acceleration**2).sum(axis=1) - allowed**2)
-            slowing = float(((product + np.sqrt(np.maximum(root, 0.0))) / norm).min())
-            times.append(times[-1] - step)
-            squares.append(square + 2 * step * max(0.0, slowing))
-        return np.array(times[::-1]), np.sqrt(squares[::-1])
+            # The largest slowing d with |s^2 acceleration - d velocity| <= allowed for every UAV.
+            root = (product * square)**2 - norm * (bend * square**2 - allowed**2)
+            slowing = float(((product * square + np.sqrt(np.maximum(root, 0.0))) / norm).min())
+            # A plan that takes over 0.9 of a limit leaves no slowing. Playback speed 1 is safe.
+            squares.append(square + 2 * step * slowing if slowing > 0 else max(1.0, square))
+        return times[:len(squares)][::-1], np.sqrt(squares[::-1])

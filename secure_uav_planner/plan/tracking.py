@@ -59,9 +59,11 @@ class FollowerReports:
         self._pairs: deque[tuple[int, int]] = deque(  # Times of the clock and the plan [ns].
             earlier._pairs if earlier else ())
         self._begin_ns: int | None = None  # Time of the first report about this plan.
+        self._scale: float | None = None  # Playback speed by all reports, once it is asked for.
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
         """Add a report: the time of the plan at a time of the clock, both in ns."""
+        self._scale = None
         if self._pairs and clock_ns < self.last_ns:
             self._pairs.clear()  # The clock has jumped back.
         elif self._pairs and clock_ns == self.last_ns:
@@ -136,6 +138,24 @@ class FollowerReports:
         return bool(after > 0 and abs(after - before) < _STEADY)
 
     @property
+    def _time_scale(self) -> float:
+        """
+        Playback speed, the slope of a line through reports; it is assumed until the second report.
+
+        The line is through all reports of the last second if the playback speed is steady, because
+        single stamps jitter. Otherwise, and for a pause, it is through the last two reports.
+        """
+        if not self.has_time_scale:
+            return self._first_scale
+        if self._scale is None:
+            since, plan = self._since_last() * 1e-9
+            is_constant = plan[-2] < 0 and self.is_steady()
+            count = max(2, int((since >= -1.0).sum())) if is_constant else 2
+            clock = since[-count:] - since[-count:].mean()
+            self._scale = max(0.0, float(clock @ plan[-count:] / (clock @ clock)))
+        return self._scale
+
+    @property
     def first_ns(self) -> int:
         """Clock's time [ns] in the first kept report; the plan's time before is not known."""
         return self._pairs[0][0]
@@ -144,15 +164,12 @@ class FollowerReports:
         """
         Return the plan's time [s] from its point 0 at a clock's time [ns], and a playback speed.
 
-        The playback speed is the one between the last two reports, also for an earlier clock's
-        time. With a single report it is assumed. Between reports the plan's time is interpolated,
-        and before the first report it is the first reported one. After the last report it advances
-        at the playback speed for SILENCE. Then it stands still and the playback speed is 0.
+        The playback speed is the present one, also for an earlier clock's time. With a single
+        report it is assumed. Between reports the plan's time is interpolated, and before the first
+        report it is the first reported one. After the last report it advances at the playback
+        speed for SILENCE. Then it stands still and the playback speed is 0.
         """
-        (last, plan), scale = self._pairs[-1], self._first_scale
-        if self.has_time_scale:
-            before = self._pairs[-2]
-            scale = max(0.0, (plan - before[1]) / (last - before[0]))
+        (last, plan), scale = self._pairs[-1], self._time_scale
         since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
         if since <= 0:
             return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, scale
@@ -387,7 +404,8 @@ class AchievedRates:
 
         The weight is the time within slots since the last call. Nothing is added in the first call
         of a flight, or if more than LONGEST_GAP * max(1, time_scale) has passed since the last
-        call. A plan with another start begins a new flight.
+        call. A plan with another start begins a new flight, and so does a time more than
+        LONGEST_GAP before the last one.
 
         :param time: time [s] of the positions, from point 0 of the plan.
         :param positions: measured positions, (U, 2) in m.
@@ -398,7 +416,7 @@ class AchievedRates:
         if np.shape(positions) != (len(scenario.uavs), 2):
             raise OptionError(f'positions has the shape {quote(np.shape(positions))}; it must be '
                               f'{(len(scenario.uavs), 2)}')
-        if start_ns != self._start_ns:
+        if start_ns != self._start_ns or time < self._last - LONGEST_GAP:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
         last, self._last = self._last, time
         slots_begin, slots_end = scenario.slot_duration * np.array([1, scenario.slots + 1])

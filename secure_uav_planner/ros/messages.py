@@ -69,9 +69,13 @@ def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> T
 
 
 def read_plan_time(message: TimeReference) -> tuple[str, str]:
-    """Return the identity of the plan, and the name of the follower, in a report of plan_time."""
+    """
+    Return the identity of the plan, and the name of the follower, in a report of plan_time.
+
+    Of a longer word than any identity, which comes from a broken sender, 60 characters are left.
+    """
     identity, _, follower = message.source.partition(' ')
-    return identity, follower
+    return brief(identity, 60), follower
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:

@@ -135,7 +135,7 @@ class PlannerStatus:
     text: str = ''
     state: str = _value('`idle` or `solving`', '')
     outcome: OutcomeStatus = OutcomeStatus()
-    plans: int = _value('plans made by request since the start', 0)
+    plans: int = _value('plans made by request since the start, and the restored one', 0)
     replans: int = _value('plans made in flight by the planner itself', 0)
     refusals: int = _value('requests and replans without a plan', 0)
     progress: ProgressStatus = ProgressStatus()

@@ -43,17 +43,17 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
     """
     Write an MCAP file of what planner and replay publish for a plan at playback speed 1.
 
-    :param plan: a Plan; without a start time it starts at 0.
+    :param plan: a Plan; without a start time its flight begins at 0.
     :param frequency: frequency of the setpoints [Hz] in the plan's time.
     :raises OptionError: for a frequency that is not positive.
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
     if not frequency > 0:
         raise OptionError(f'frequency is {quote(frequency)}; it must be above 0 Hz')
-    start_ns = plan.start_ns or 0
-    plan = replace(plan, start_ns=start_ns)
+    if plan.start_ns is None:
+        plan = replace(plan, start_ns=round(-plan.curve.begin * 1e9))
     with atomic_file(path, binary=True) as file:
-        bag = _Bag(file, start_ns)
+        bag = _Bag(file, plan)
         _record_plan(bag, plan, frame_id)
         _record_replay(bag, plan, frame_id, frequency)
         bag.finish()
@@ -62,7 +62,7 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map',
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
     """Write the receivers' poses, at every point if they have tracks, the plan and its status."""
     scenario = plan.scenario
-    times = plan.times.tolist() if scenario.has_tracks else [0.0]
+    times = [plan.curve.begin, *(plan.times.tolist()[1:] if scenario.has_tracks else [])]
     grounds, centres, _ = scenario.receivers_at(times)
     for number, time in enumerate(times):
         stamp = messages.stamp_at(plan, time)
@@ -77,22 +77,23 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
             estimate.pose.pose = messages.pose(x, y, 0.0, 0.0)
             bag.write(f'/{name}/pose', estimate, time)
     for topic, message in messages.plan_messages(plan, frame_id):
-        bag.write(_resolved(topic, 'planner'), message, latched=True)
+        bag.write(_resolved(topic, 'planner'), message, plan.curve.begin, latched=True)
     bag.write('/planner/status', PlannerStatus(
         DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', 'idle',
         plan=plan_status(plan.evaluate(), None, (plan.start_ns or 0) * 1e-9)).to_message(
-            'planner: plan'), latched=True)
+            'planner: plan'), plan.curve.begin, latched=True)
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, frequency: float) -> None:
-    """Write setpoints, and the rate for each slot's worst-case place, at `frequency` [Hz]."""
+    """Write setpoints, times, and the rate for each slot's worst-case place, at `frequency`."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)  # (N, 2) in m
-    times = np.arange(0.0, playback.duration, 1.0 / frequency)
+    times = np.arange(playback.begin, playback.duration, 1.0 / frequency)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
         for topic, message in messages.setpoint_messages(scenario, moment, frame_id, stamp):
             bag.write(_resolved(topic, 'replay'), message, time)
+        bag.write('/plan_time', messages.plan_time(plan, time, stamp, 'replay'), time)
         # Slot n = 1..N begins at point n; before point 1 the rate is for the place of slot 1.
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
         bag.write('/replay/secrecy_rate', Float64(
@@ -106,21 +107,21 @@ def _resolved(topic: str, node: str) -> str:
 class _Bag:
     """Writer of an MCAP file; it registers schemas and channels when they are first used."""
 
-    def __init__(self, file: IO[bytes], start_ns: int) -> None:
-        self._start_ns = start_ns
+    def __init__(self, file: IO[bytes], plan: Plan) -> None:
+        self._start_ns = plan.start_ns or 0
         self._schemas: dict[str, int] = {}  # Number of a schema in the file by message type.
         self._channels: dict[str, int] = {}  # Number of a channel in the file by topic.
         self._writer = Writer(file)
         self._writer.start(profile='ros2', library='secure_uav_planner')
 
-    def write(self, topic: str, message: Any, time: float = 0.0, latched: bool = False) -> None:
+    def write(self, topic: str, message: Any, time: float, latched: bool = False) -> None:
         """Write a message at a time [s] from point 0; a latched topic keeps its last message."""
         if topic not in self._channels:
             qos = _QOS.format(depth=1 if latched else 10,
                               durability='transient_local' if latched else 'volatile')
             self._channels[topic] = self._writer.register_channel(
                 topic, 'cdr', self._schema(type(message)), {'offered_qos_profiles': qos})
-        time_ns = self._start_ns + round(time * 1e9)
+        time_ns = max(0, self._start_ns + round(time * 1e9))
         self._writer.add_message(self._channels[topic], log_time=time_ns, publish_time=time_ns,
                                  data=serialize_message(message))
 

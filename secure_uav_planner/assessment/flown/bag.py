@@ -29,6 +29,13 @@ class Report(NamedTuple):
     identity: str
 
 
+def find_starts(plan: Plan) -> tuple[int, ...]:
+    """Return the start of a plan [ns]; of one without, the starts that `plan --mcap` records."""
+    if plan.start_ns is not None:
+        return (plan.start_ns,)
+    return 0, round(-plan.curve.begin * 1e9)  # Of version 0.1.0, and of this one.
+
+
 @dataclass
 class FlightBag:
     """
@@ -54,8 +61,10 @@ class FlightBag:
 
         :raises LogFileError: for a bag without a flight of this plan.
         """
-        if plan.start_ns is None and replace(plan, start_ns=0).identity in self._list_identities():
-            plan = replace(plan, start_ns=0)  # As `plan --mcap` records it.
+        for start_ns in find_starts(plan):
+            recorded = replace(plan, start_ns=start_ns)
+            if recorded.identity in self._list_identities():
+                plan = recorded
         start_ns = plan.start_ns or 0
         revisions = self._find_revisions(plan)
         if not self.reports:

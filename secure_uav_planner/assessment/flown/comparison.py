@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .advice import advise
 from .alignment import STEP_S
+from .bag import find_starts
 from .closest import Closest, find_fence, find_separation, find_zone
 from .errors import measure_errors, UavErrors
 from .flight import FlownFlight
@@ -196,7 +197,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     """
     checked_kind('plan', plan, Plan)
     checked_kind('flight', flight, FlownFlight)
-    if (plan.start_ns or 0) != (flight.plan.start_ns or 0) or not np.array_equal(
+    if (flight.plan.start_ns or 0) not in find_starts(plan) or not np.array_equal(
             plan.times, flight.plan.times) or [*flight.logs] != [
                 uav.name for uav in plan.scenario.uavs]:
         raise OptionError(f'flight is of the plan {flight.plan.identity}; it must be of '

@@ -16,7 +16,8 @@ from ...plan.playback import Playback
 from ...plan.tracking import FollowerReports, SILENCE
 
 _MOST_PLANS = 8  # Number of last plans that are kept for the reports of a follower.
-_SAME_TIME = 0.01  # Largest time [s] between the expected and the present time of a plan.
+# Largest time [s] between the expected and the present time of a plan. Reports jitter by less.
+_SAME_TIME = 0.03
 _ROUNDING = 1e-6  # Tolerance of a time [s].
 _LEAST_AHEAD = 3.0  # Least time [s] before the effect of a plan at which another can replace it.
 ADOPTION_GRACE = 2.0  # Time [s] that a follower has to adopt a plan after it comes or begins.
