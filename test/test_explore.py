@@ -13,13 +13,14 @@ import subprocess
 import sys
 import time
 
+from dash import dcc
 import numpy as np
 from processes import environment, run_python
 import pytest
-from secure_uav_planner import Plan, Scenario, solve
-from secure_uav_planner.apps.editing import list_handles, to_mission
+from secure_uav_planner import Channel, Plan, Scenario, solve
+from secure_uav_planner.apps.editing import list_handles, read_field, to_mission
 from secure_uav_planner.apps.explore import Editor
-from secure_uav_planner.apps.layout import list_rates
+from secure_uav_planner.apps.layout import FIELDS, list_rates
 from secure_uav_planner.apps.mission_text import MissionText
 from secure_uav_planner.mission.formats.mission_file import read_mission
 from secure_uav_planner.output.drawing import map_extent
@@ -242,6 +243,26 @@ def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
     mission = page.mission
     assert mission.duration > 130.0
     assert mission.slots == round(mission.duration / 6.0)
+
+
+def test_each_slider_and_its_box_set_the_field_of_their_label(browser, tmp_path):
+    replace(PAPER, channel=Channel(rician_k_db=10.0, outage=0.1), uavs=tuple(
+        replace(uav, max_acceleration=2.5) for uav in PAPER.uavs)).save(tmp_path / 'mission.yaml')
+    with serve(tmp_path) as url:
+        page = Page(browser, url)
+        browser.execute_script(
+            'document.querySelectorAll("#fields details").forEach(group => group.open = true)')
+        sliders = [field for field in FIELDS.values() if field[2].func is dcc.Slider]
+        for number, (owner, field, slider) in enumerate(sliders):
+            _, high, step = slider.args
+            for selector, size in (('[role=slider]', step), ('.dash-range-slider-input', 1.0)):
+                before, yaml = read_field(to_mission(page.mission), owner, field), page.yaml
+                after = min(before + size, high)
+                browser.find_elements(By.CSS_SELECTOR, f'#fields {selector}')[number].send_keys(
+                    *[Keys.ARROW_RIGHT] if 'slider]' in selector else (
+                        Keys.CONTROL, 'a', Keys.NULL, f'{after:g}', Keys.TAB))
+                wait_for(browser, lambda: page.yaml != yaml)
+                assert read_field(to_mission(page.mission), owner, field) == pytest.approx(after)
 
 
 def test_undo_redo_and_double_clicks_or_taps_change_back_what_buttons_add(page):

@@ -173,11 +173,14 @@ def make_app(source: MissionText, port: int) -> Dash:
         prevent_initial_call=True)
     def edit(*arguments: Any) -> Any:
         """Edit the mission by the changed component; return version, text and field values."""
-        *_, values, text, version, page = arguments
-        value = text if ctx.triggered_id == 'yaml' else ctx.triggered[0]['value']
+        removed, *_, values, text, version, page = arguments
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update, [no_update] * len(values)
-        return _edit(editors[page], ctx.triggered_id, value, values, version)
+        trigger = ctx.triggered_id
+        # Dash gives None for the value of a component whose id has letters beyond ASCII.
+        value = removed if trigger == 'removed' else text if trigger == 'yaml' else dict(
+            zip(FIELDS, values)).get(trigger.get('field'))
+        return _edit(editors[page], trigger, value, values, version)
 
     @app.callback(
         Output('version', 'data', allow_duplicate=True),
