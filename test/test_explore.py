@@ -19,7 +19,7 @@ from processes import environment, run_python
 import pytest
 from secure_uav_planner import Channel, Plan, Scenario, solve
 from secure_uav_planner.apps.editing import list_handles, read_field, to_mission
-from secure_uav_planner.apps.explore import Editor
+from secure_uav_planner.apps.explore import _edit, Editor
 from secure_uav_planner.apps.layout import FIELDS, list_rates
 from secure_uav_planner.apps.mission_text import MissionText
 from secure_uav_planner.mission.formats.mission_file import read_mission
@@ -287,6 +287,40 @@ def test_undo_redo_and_double_clicks_or_taps_change_back_what_buttons_add(page):
         page.wait_for_shapes(yaml)
     assert page.yaml == before
     page.wait_for_plan()
+
+
+def test_a_click_and_a_drag_at_once_move_the_shape_that_is_under_the_pointer(page):
+    before, (x, y) = page.yaml, page.place_of(('eavesdroppers', 0))
+    actions = ActionChains(page.browser)
+    pointer = actions.w3c_actions.pointer_action
+    pointer.move_to_location(x, y)
+    pointer.pointer_down()
+    pointer.pointer_up()
+    pointer.pointer_down()
+    pointer.move_to_location(x + 9, y)
+    pointer.move_to_location(x + 20, y)
+    pointer.pointer_up()
+    actions.perform()
+    page.wait_for_change(before)
+    (eve,), (was,) = page.mission.eavesdroppers, PAPER.eavesdroppers
+    assert eve.position[0] > was.position[0] and eve.error_radius == was.error_radius
+
+
+@pytest.mark.parametrize('trigger', ['map', 'removed'])
+def test_numbers_of_shapes_that_are_no_longer_shown_change_nothing(tmp_path, trigger):
+    eves = *PAPER.eavesdroppers, replace(PAPER.eavesdroppers[0], position=(-200.0, 0.0))
+    replace(PAPER, eavesdroppers=eves).save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    drawn, numbers = editor.version, [
+        number for number, handle in enumerate(list_handles(editor.mission))
+        if handle.place == ('eavesdroppers', 0)]
+    assert _edit(editor, 'removed', numbers, [None] * len(FIELDS), drawn, drawn)[0] == 1
+    mission, version = editor.mission, editor.version
+    value = numbers if trigger == 'removed' else {f'shapes[{numbers[1]}].xanchor': 90.0}
+    assert _edit(editor, trigger, value, [None] * len(FIELDS), version, drawn)[0] == version + 1
+    assert editor.mission == mission
+    _edit(editor, trigger, value, [None] * len(FIELDS), version + 1, version)
+    assert editor.mission != mission
 
 
 def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):

@@ -19,7 +19,8 @@ import plotly.graph_objects as go
 from werkzeug.serving import make_server
 
 from .editing import (
-    add_member, drag, list_handles, Mission, read_field, remove_member, set_field, to_mission)
+    add_member, drag, list_handles, list_places, Mission, read_field, remove_member, set_field,
+    to_mission)
 from .layout import (
     ADDED, FIELDS, lay_out, list_entries, list_rates, MISSION, PAGE, PLAN, widen)
 from .mission_text import MissionText
@@ -48,6 +49,7 @@ class Editor:
 
     :param source: the MissionText of the first mission.
     :ivar version: number that grows with each change that the page should show.
+    :ivar numbered: the version since which the shapes of the map have their numbers.
     :ivar problem: why the last edit was refused, '' if it was taken.
     :ivar progress: text on the progress of the last solve.
     :ivar source: the MissionText, which reads and changes texts.
@@ -63,6 +65,7 @@ class Editor:
         self.kept: Plan | None = None
         self.source = source
         self.extent = widen(map_extent(source.scenario))
+        self.numbered, self._places = 0, list_places(to_mission(source.scenario))
         # Missions with their texts, oldest first, and the index of the present one.
         self._history, self._present = [(to_mission(source.scenario), source.text)], 0
         self._solve: Future[Plan] | None = None
@@ -91,6 +94,8 @@ class Editor:
         with self._lock:
             self._present = min(max(self._present + steps, 0), len(self._history) - 1)
             self.version, self.problem, self._solve = self.version + 1, '', None
+            if (places := list_places(self.mission)) != self._places:
+                self.numbered, self._places = self.version, places
 
     def solve(self) -> Future[Plan]:
         """
@@ -169,30 +174,32 @@ def make_app(source: MissionText, port: int) -> Dash:
         Output('version', 'data'), Output('yaml', 'value'), Output({'field': ALL}, 'value'),
         Input('removed', 'data'), Input('yaml', 'n_blur'),
         Input({'do': ALL}, 'n_clicks'), Input({'field': ALL}, 'value'),
-        State('yaml', 'value'), State('version', 'data'), State('page', 'data'),
+        State('yaml', 'value'), State('version', 'data'), State('drawn', 'data'),
+        State('page', 'data'),
         prevent_initial_call=True)
     def edit(*arguments: Any) -> Any:
         """Edit the mission by the changed component; return version, text and field values."""
-        removed, *_, values, text, version, page = arguments
+        removed, *_, values, text, version, drawn, page = arguments
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update, [no_update] * len(values)
         trigger = ctx.triggered_id
         # Dash gives None for the value of a component whose id has letters beyond ASCII.
         value = removed if trigger == 'removed' else text if trigger == 'yaml' else dict(
             zip(FIELDS, values)).get(trigger.get('field'))
-        return _edit(editors[page], trigger, value, values, version)
+        return _edit(editors[page], trigger, value, values, version, drawn)
 
     @app.callback(
         Output('version', 'data', allow_duplicate=True),
         Output('yaml', 'value', allow_duplicate=True), Input('map', 'relayoutData'),
-        State('version', 'data'), State('page', 'data'), prevent_initial_call=True)
-    def edit_shapes(change: Any, version: int, page: str) -> Any:
+        State('version', 'data'), State('drawn', 'data'), State('page', 'data'),
+        prevent_initial_call=True)
+    def edit_shapes(change: Any, version: int, drawn: int, page: str) -> Any:
         """Edit the mission by a dragged shape; return version and text."""
         # A callback of its own: with a resize of the window, Plotly reports a moved view, which
         # would supersede an edit that is running in the callback `edit`.
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update
-        return _edit(editors[page], 'map', change, [], version)[:2]
+        return _edit(editors[page], 'map', change, [], version, drawn)[:2]
 
     @app.callback(
         Output('map', 'figure'), Output('charts', 'figure'), Output('words', 'children'),
@@ -227,7 +234,8 @@ def make_app(source: MissionText, port: int) -> Dash:
     return app
 
 
-def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: int) -> Any:
+def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: int,
+          drawn: int) -> Any:
     """
     Edit the mission by one change of the page; return version, text and values of FIELDS.
 
@@ -238,11 +246,16 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
     :param value: new value of this component.
     :param values: values of all FIELDS on the page, in their order.
     :param version: version that the page shows.
+    :param drawn: version whose shapes the map shows; numbers of other shapes change nothing.
     :raises PreventUpdate: if nothing has changed since this version.
     """
     mission = editor.mission
     try:
-        if trigger == 'map':
+        if trigger == 'map' and not any(name.startswith('shapes[') for name in value):
+            pass  # Only the view of the map was moved.
+        elif trigger in ('map', 'removed') and drawn < editor.numbered:
+            editor.step(0)  # The shapes are drawn again where they are.
+        elif trigger == 'map':
             editor.edit(drag(mission, value))
         elif trigger == 'removed':
             editor.edit(remove_member(mission, value[0]))
@@ -257,7 +270,7 @@ def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: 
     except MissionFileError as error:
         editor.version += 1
         editor.problem = '\n'.join(f'line {line}: {words}' for line, words in error.problems)
-    if version == editor.version:  # Only the view of the map was moved.
+    if version == editor.version:
         raise PreventUpdate
     fields = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
     return editor.version, value if editor.problem else editor.text, [
