@@ -314,12 +314,12 @@ def test_numbers_of_shapes_that_are_no_longer_shown_change_nothing(tmp_path, tri
     drawn, numbers = editor.version, [
         number for number, handle in enumerate(list_handles(editor.mission))
         if handle.place == ('eavesdroppers', 0)]
-    assert _edit(editor, 'removed', numbers, [None] * len(FIELDS), drawn, drawn)[0] == 1
+    assert _edit(editor, [('removed', numbers)], editor.text, [None] * len(FIELDS), drawn, drawn)[0] == 1
     mission, version = editor.mission, editor.version
     value = numbers if trigger == 'removed' else {f'shapes[{numbers[1]}].xanchor': 90.0}
-    assert _edit(editor, trigger, value, [None] * len(FIELDS), version, drawn)[0] == version + 1
+    assert _edit(editor, [(trigger, value)], editor.text, [None] * len(FIELDS), version, drawn)[0] == version + 1
     assert editor.mission == mission
-    _edit(editor, trigger, value, [None] * len(FIELDS), version + 1, version)
+    _edit(editor, [(trigger, value)], editor.text, [None] * len(FIELDS), version + 1, version)
     assert editor.mission != mission
 
 
@@ -353,6 +353,48 @@ def test_the_text_is_the_mission_and_its_errors_are_told_by_line(page):
     wait_for(page.browser, lambda: "has no field 'airspace'" in page.text('problem'))
 
 
+def test_a_text_that_is_not_left_yet_is_taken_with_the_next_drag(browser, url):
+    def type_and_drag(text):
+        """Write a text in place of 'duration: 1', then drag without leaving the pane."""
+        browser.execute_script("""
+            const pane = document.getElementById('yaml'), at = pane.value.indexOf('duration: 1');
+            pane.focus();
+            pane.setSelectionRange(at, at + 'duration: 1'.length);""")
+        ActionChains(browser).send_keys(text).perform()
+        yaml, (x, y) = page.yaml, page.middle_of(f'#map path[data-index="{number}"]')
+        page.drag((x, y), (x + 20, y))
+        assert browser.execute_script('return document.activeElement.id') == 'yaml'
+        return yaml
+
+    with screen_of(browser, 1400, 1500):  # Map and pane are seen at once.
+        page = Page(browser, url)
+        page.wait_for_plan()
+        number = max(number for number, handle in enumerate(list_handles(to_mission(PAPER)))
+                     if handle.place == ('eavesdroppers', 0))
+        yaml = type_and_drag('duration: 11')  # 1120 s.
+        wait_for(browser, lambda: page.mission.eavesdroppers != PAPER.eavesdroppers)
+        assert page.mission.duration == 1120.0
+        page.wait_for_shapes(yaml)
+        before = page.yaml
+        yaml = type_and_drag('duration: 1 1')  # No number.
+        wait_for(browser, lambda: 'line ' in page.text('problem'))
+        assert page.yaml == yaml
+        page.click('undo')
+        wait_for(browser, lambda: page.yaml == before and page.text('problem') == '')
+
+
+def test_what_is_typed_comes_before_the_button_that_is_tapped_after_it(tmp_path):
+    PAPER.save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    values = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
+    text = editor.text.replace('duration: 120.0', 'duration: 130.0')
+    field = {'field': 'mean, transmitter (W)'}
+    _edit(editor, [({'do': 'zone'}, None), (field, 2.0), ('yaml', None)], text, values, 0, 0)
+    after = Scenario.from_dict(editor.mission)
+    assert (after.duration, after.uavs[0].average_power) == (130.0, 2.0)
+    assert len(after.no_fly_zones) == len(PAPER.no_fly_zones) + 1
+
+
 def test_mission_and_plan_can_be_downloaded(page):
     plan = page.wait_for_plan()
     for name in ('mission.yaml', 'plan.json'):
@@ -361,6 +403,22 @@ def test_mission_and_plan_can_be_downloaded(page):
     assert Scenario.load(page.browser.folder / 'mission.yaml') == PAPER
     saved = Plan.load(page.browser.folder / 'plan.json')
     assert saved.positions.tolist() == plan.positions.tolist()
+
+
+def test_downloads_are_of_the_mission_that_the_text_has_at_the_click(page):
+    page.wait_for_plan()
+    pane, text = page.browser.find_element(By.ID, 'yaml'), page.yaml
+    for name, duration in (('mission.yaml', 110.0), ('plan.json', 115.0)):
+        file = page.browser.folder / name
+        file.unlink(missing_ok=True)
+        pane.send_keys(Keys.CONTROL, 'a')
+        pane.send_keys(text.replace('duration: 120.0', f'duration: {duration}'))
+        page.browser.execute_script('[...document.querySelectorAll("#file button")].find('
+                                    'button => button.innerText.includes(arguments[0])).click()',
+                                    name)  # Without leaving the pane, as fast as a tap.
+        wait_for(page.browser, file.exists)
+        saved = Scenario.load(file) if name == 'mission.yaml' else Plan.load(file).scenario
+        assert saved.duration == duration
 
 
 def test_the_page_fits_a_phone_asks_its_own_server_only_and_logs_no_errors(browser, url):
