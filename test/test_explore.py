@@ -395,6 +395,29 @@ def test_what_is_typed_comes_before_the_button_that_is_tapped_after_it(tmp_path)
     assert len(after.no_fly_zones) == len(PAPER.no_fly_zones) + 1
 
 
+def test_a_box_that_is_left_or_emptied_changes_nothing_and_shows_the_mission_again(
+        browser, tmp_path):
+    replace(PAPER, duration=120.4, tracking_margin=0.3, uavs=tuple(
+        replace(uav, average_power=7.123, peak_power=33.3) for uav in PAPER.uavs)).save(
+            tmp_path / 'mission.yaml')
+    with serve(tmp_path) as url:
+        page = Page(browser, url)
+        browser.execute_script(
+            'document.querySelectorAll("#fields details").forEach(group => group.open = true)')
+        before = page.yaml
+        boxes = browser.find_elements(By.CSS_SELECTOR, '#fields .dash-range-slider-input')
+        for box in boxes[:7]:
+            shown = box.get_property('value')
+            for keys in ([Keys.TAB], [Keys.CONTROL, 'a', Keys.NULL, Keys.BACKSPACE, Keys.TAB]):
+                box.click()
+                box.send_keys(*keys)
+                wait_for(browser, lambda: box.get_property('value') == shown)
+        boxes[0].send_keys(Keys.CONTROL, 'a', Keys.NULL, '150', Keys.TAB)
+        wait_for(browser, lambda: page.yaml != before)
+        assert replace(page.mission, duration=120.4, slots=20) == Scenario.load(
+            tmp_path / 'mission.yaml')
+
+
 def test_mission_and_plan_can_be_downloaded(page):
     plan = page.wait_for_plan()
     for name in ('mission.yaml', 'plan.json'):

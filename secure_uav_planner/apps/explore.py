@@ -15,6 +15,7 @@ import webbrowser
 from dash import ALL, ctx, Dash, dcc, html, Input, no_update, Output, Patch, State
 from dash.exceptions import PreventUpdate
 from flask import abort, request
+import numpy as np
 import plotly.graph_objects as go
 from werkzeug.serving import make_server
 
@@ -290,11 +291,11 @@ def _edit(editor: Editor, changes: list[tuple[Any, Any]], text: str, values: lis
         editor.problem = '\n'.join(f'line {line}: {words}' for line, words in error.problems)
         if ({'do': 'undo'}, None) in changes:
             editor.step(0)
-    if version == editor.version:
-        raise PreventUpdate
     fields = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
-    return editor.version, text if editor.problem else editor.text, [
-        no_update if field == before else field for field, before in zip(fields, values)]
+    updates = [no_update if field == before else field for field, before in zip(fields, values)]
+    if version == editor.version and all(update is no_update for update in updates):
+        raise PreventUpdate
+    return editor.version, text if editor.problem else editor.text, updates
 
 
 def _apply(editor: Editor, trigger: Any, value: Any, drawn: int) -> None:
@@ -307,7 +308,14 @@ def _apply(editor: Editor, trigger: Any, value: Any, drawn: int) -> None:
     elif trigger == 'removed':
         editor.edit(remove_member(mission, value[0]))
     elif 'field' in trigger:
-        editor.edit(set_field(mission, *FIELDS[trigger['field']][:2], value))
+        owner, field, component = FIELDS[trigger['field']]
+        present = read_field(mission, owner, field)
+        if component.func is dcc.Slider and present is not None:
+            low, high, step = component.args
+            # A box that is left tells the present value on the slider, or None if it is empty.
+            if value is None or abs(value - np.clip(present, low, high)) < 0.51 * step:
+                return
+        editor.edit(set_field(mission, owner, field, value))
     elif trigger['do'] in ADDED:
         editor.edit(add_member(mission, trigger['do'], editor.extent))
     else:
