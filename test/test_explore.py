@@ -265,6 +265,16 @@ def test_each_slider_and_its_box_set_the_field_of_their_label(browser, tmp_path)
                 assert read_field(to_mission(page.mission), owner, field) == pytest.approx(after)
 
 
+def test_steps_of_the_duration_keep_the_length_of_slots_as_one_step_does(tmp_path):
+    PAPER.save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    for duration in (*range(121, 133), 2, 150):
+        values = [duration] + [None] * (len(FIELDS) - 1)
+        _edit(editor, [({'field': 'duration (s)'}, duration)], editor.text, values,
+              editor.version, editor.version)
+        assert editor.mission['slots'] == max(1, round(duration / 6.0))
+
+
 def test_undo_redo_and_double_clicks_or_taps_change_back_what_buttons_add(page):
     before = page.yaml
     for kind, members in (('zone', 'no_fly_zones'), ('eavesdropper', 'eavesdroppers'),
@@ -311,15 +321,15 @@ def test_numbers_of_shapes_that_are_no_longer_shown_change_nothing(tmp_path, tri
     eves = *PAPER.eavesdroppers, replace(PAPER.eavesdroppers[0], position=(-200.0, 0.0))
     replace(PAPER, eavesdroppers=eves).save(tmp_path / 'mission.yaml')
     editor = Editor(MissionText(tmp_path / 'mission.yaml'))
-    drawn, numbers = editor.version, [
+    fields, drawn, numbers = [None] * len(FIELDS), editor.version, [
         number for number, handle in enumerate(list_handles(editor.mission))
         if handle.place == ('eavesdroppers', 0)]
-    assert _edit(editor, [('removed', numbers)], editor.text, [None] * len(FIELDS), drawn, drawn)[0] == 1
+    assert _edit(editor, [('removed', numbers)], editor.text, fields, drawn, drawn)[0] == 1
     mission, version = editor.mission, editor.version
     value = numbers if trigger == 'removed' else {f'shapes[{numbers[1]}].xanchor': 90.0}
-    assert _edit(editor, [(trigger, value)], editor.text, [None] * len(FIELDS), version, drawn)[0] == version + 1
-    assert editor.mission == mission
-    _edit(editor, [(trigger, value)], editor.text, [None] * len(FIELDS), version + 1, version)
+    after, *_ = _edit(editor, [(trigger, value)], editor.text, fields, version, drawn)
+    assert after == version + 1 and editor.mission == mission
+    _edit(editor, [(trigger, value)], editor.text, fields, version + 1, version)
     assert editor.mission != mission
 
 

@@ -51,6 +51,7 @@ class Editor:
     :param source: the MissionText of the first mission.
     :ivar version: number that grows with each change that the page should show.
     :ivar numbered: the version since which the shapes of the map have their numbers.
+    :ivar unscaled: the (duration, slots) of a mission by what the slider made of them.
     :ivar problem: why the last edit was refused, '' if it was taken.
     :ivar progress: text on the progress of the last solve.
     :ivar source: the MissionText, which reads and changes texts.
@@ -66,6 +67,7 @@ class Editor:
         self.kept: Plan | None = None
         self.source = source
         self.extent = widen(map_extent(source.scenario))
+        self.unscaled: dict[tuple[float, int], tuple[float, int]] = {}
         self.numbered, self._places = 0, list_places(to_mission(source.scenario))
         # Missions with their texts, oldest first, and the index of the present one.
         self._history, self._present = [(to_mission(source.scenario), source.text)], 0
@@ -315,7 +317,14 @@ def _apply(editor: Editor, trigger: Any, value: Any, drawn: int) -> None:
             # A box that is left tells the present value on the slider, or None if it is empty.
             if value is None or abs(value - np.clip(present, low, high)) < 0.51 * step:
                 return
-        editor.edit(set_field(mission, owner, field, value))
+        if field != 'duration':
+            return editor.edit(set_field(mission, owner, field, value))
+        # The steps of the slider scale one number of slots, as each step rounds.
+        now = mission['duration'], mission['slots']
+        duration, slots = editor.unscaled.get(now, now)
+        mission = set_field({**mission, 'duration': duration, 'slots': slots}, owner, field, value)
+        editor.unscaled[mission['duration'], mission['slots']] = duration, slots
+        editor.edit(mission)
     elif trigger['do'] in ADDED:
         editor.edit(add_member(mission, trigger['do'], editor.extent))
     else:
