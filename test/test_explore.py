@@ -13,13 +13,14 @@ import subprocess
 import sys
 import time
 
+from dash import dcc
 import numpy as np
 from processes import environment, run_python
 import pytest
-from secure_uav_planner import Plan, Scenario, solve
-from secure_uav_planner.apps.editing import list_handles, to_mission
-from secure_uav_planner.apps.explore import Editor
-from secure_uav_planner.apps.layout import list_rates
+from secure_uav_planner import Channel, Plan, Scenario, solve
+from secure_uav_planner.apps.editing import list_handles, read_field, to_mission
+from secure_uav_planner.apps.explore import _edit, Editor
+from secure_uav_planner.apps.layout import FIELDS, list_rates
 from secure_uav_planner.apps.mission_text import MissionText
 from secure_uav_planner.mission.formats.mission_file import read_mission
 from secure_uav_planner.output.drawing import map_extent
@@ -244,6 +245,36 @@ def test_a_slider_changes_the_duration_and_slots_keep_their_length(page):
     assert mission.slots == round(mission.duration / 6.0)
 
 
+def test_each_slider_and_its_box_set_the_field_of_their_label(browser, tmp_path):
+    replace(PAPER, channel=Channel(rician_k_db=10.0, outage=0.1), uavs=tuple(
+        replace(uav, max_acceleration=2.5) for uav in PAPER.uavs)).save(tmp_path / 'mission.yaml')
+    with serve(tmp_path) as url:
+        page = Page(browser, url)
+        browser.execute_script(
+            'document.querySelectorAll("#fields details").forEach(group => group.open = true)')
+        sliders = [field for field in FIELDS.values() if field[2].func is dcc.Slider]
+        for number, (owner, field, slider) in enumerate(sliders):
+            _, high, step = slider.args
+            for selector, size in (('[role=slider]', step), ('.dash-range-slider-input', 1.0)):
+                before, yaml = read_field(to_mission(page.mission), owner, field), page.yaml
+                after = min(before + size, high)
+                browser.find_elements(By.CSS_SELECTOR, f'#fields {selector}')[number].send_keys(
+                    *[Keys.ARROW_RIGHT] if 'slider]' in selector else (
+                        Keys.CONTROL, 'a', Keys.NULL, f'{after:g}', Keys.TAB))
+                wait_for(browser, lambda: page.yaml != yaml)
+                assert read_field(to_mission(page.mission), owner, field) == pytest.approx(after)
+
+
+def test_steps_of_the_duration_keep_the_length_of_slots_as_one_step_does(tmp_path):
+    PAPER.save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    for duration in (*range(121, 133), 2, 150):
+        values = [duration] + [None] * (len(FIELDS) - 1)
+        _edit(editor, [({'field': 'duration (s)'}, duration)], editor.text, values,
+              editor.version, editor.version)
+        assert editor.mission['slots'] == max(1, round(duration / 6.0))
+
+
 def test_undo_redo_and_double_clicks_or_taps_change_back_what_buttons_add(page):
     before = page.yaml
     for kind, members in (('zone', 'no_fly_zones'), ('eavesdropper', 'eavesdroppers'),
@@ -266,6 +297,40 @@ def test_undo_redo_and_double_clicks_or_taps_change_back_what_buttons_add(page):
         page.wait_for_shapes(yaml)
     assert page.yaml == before
     page.wait_for_plan()
+
+
+def test_a_click_and_a_drag_at_once_move_the_shape_that_is_under_the_pointer(page):
+    before, (x, y) = page.yaml, page.place_of(('eavesdroppers', 0))
+    actions = ActionChains(page.browser)
+    pointer = actions.w3c_actions.pointer_action
+    pointer.move_to_location(x, y)
+    pointer.pointer_down()
+    pointer.pointer_up()
+    pointer.pointer_down()
+    pointer.move_to_location(x + 9, y)
+    pointer.move_to_location(x + 20, y)
+    pointer.pointer_up()
+    actions.perform()
+    page.wait_for_change(before)
+    (eve,), (was,) = page.mission.eavesdroppers, PAPER.eavesdroppers
+    assert eve.position[0] > was.position[0] and eve.error_radius == was.error_radius
+
+
+@pytest.mark.parametrize('trigger', ['map', 'removed'])
+def test_numbers_of_shapes_that_are_no_longer_shown_change_nothing(tmp_path, trigger):
+    eves = *PAPER.eavesdroppers, replace(PAPER.eavesdroppers[0], position=(-200.0, 0.0))
+    replace(PAPER, eavesdroppers=eves).save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    fields, drawn, numbers = [None] * len(FIELDS), editor.version, [
+        number for number, handle in enumerate(list_handles(editor.mission))
+        if handle.place == ('eavesdroppers', 0)]
+    assert _edit(editor, [('removed', numbers)], editor.text, fields, drawn, drawn)[0] == 1
+    mission, version = editor.mission, editor.version
+    value = numbers if trigger == 'removed' else {f'shapes[{numbers[1]}].xanchor': 90.0}
+    after, *_ = _edit(editor, [(trigger, value)], editor.text, fields, version, drawn)
+    assert after == version + 1 and editor.mission == mission
+    _edit(editor, [(trigger, value)], editor.text, fields, version + 1, version)
+    assert editor.mission != mission
 
 
 def test_a_kept_plan_is_drawn_in_grey_and_the_difference_is_told(page):
@@ -298,6 +363,71 @@ def test_the_text_is_the_mission_and_its_errors_are_told_by_line(page):
     wait_for(page.browser, lambda: "has no field 'airspace'" in page.text('problem'))
 
 
+def test_a_text_that_is_not_left_yet_is_taken_with_the_next_drag(browser, url):
+    def type_and_drag(text):
+        """Write a text in place of 'duration: 1', then drag without leaving the pane."""
+        browser.execute_script("""
+            const pane = document.getElementById('yaml'), at = pane.value.indexOf('duration: 1');
+            pane.focus();
+            pane.setSelectionRange(at, at + 'duration: 1'.length);""")
+        ActionChains(browser).send_keys(text).perform()
+        yaml, (x, y) = page.yaml, page.middle_of(f'#map path[data-index="{number}"]')
+        page.drag((x, y), (x + 20, y))
+        assert browser.execute_script('return document.activeElement.id') == 'yaml'
+        return yaml
+
+    with screen_of(browser, 1400, 1500):  # Map and pane are seen at once.
+        page = Page(browser, url)
+        page.wait_for_plan()
+        number = max(number for number, handle in enumerate(list_handles(to_mission(PAPER)))
+                     if handle.place == ('eavesdroppers', 0))
+        yaml = type_and_drag('duration: 11')  # 1120 s.
+        wait_for(browser, lambda: page.mission.eavesdroppers != PAPER.eavesdroppers)
+        assert page.mission.duration == 1120.0
+        page.wait_for_shapes(yaml)
+        before = page.yaml
+        yaml = type_and_drag('duration: 1 1')  # No number.
+        wait_for(browser, lambda: 'line ' in page.text('problem'))
+        assert page.yaml == yaml
+        page.click('undo')
+        wait_for(browser, lambda: page.yaml == before and page.text('problem') == '')
+
+
+def test_what_is_typed_comes_before_the_button_that_is_tapped_after_it(tmp_path):
+    PAPER.save(tmp_path / 'mission.yaml')
+    editor = Editor(MissionText(tmp_path / 'mission.yaml'))
+    values = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
+    text = editor.text.replace('duration: 120.0', 'duration: 130.0')
+    field = {'field': 'mean, transmitter (W)'}
+    _edit(editor, [({'do': 'zone'}, None), (field, 2.0), ('yaml', None)], text, values, 0, 0)
+    after = Scenario.from_dict(editor.mission)
+    assert (after.duration, after.uavs[0].average_power) == (130.0, 2.0)
+    assert len(after.no_fly_zones) == len(PAPER.no_fly_zones) + 1
+
+
+def test_a_box_that_is_left_or_emptied_changes_nothing_and_shows_the_mission_again(
+        browser, tmp_path):
+    replace(PAPER, duration=120.4, tracking_margin=0.3, uavs=tuple(
+        replace(uav, average_power=7.123, peak_power=33.3) for uav in PAPER.uavs)).save(
+            tmp_path / 'mission.yaml')
+    with serve(tmp_path) as url:
+        page = Page(browser, url)
+        browser.execute_script(
+            'document.querySelectorAll("#fields details").forEach(group => group.open = true)')
+        before = page.yaml
+        boxes = browser.find_elements(By.CSS_SELECTOR, '#fields .dash-range-slider-input')
+        for box in boxes[:7]:
+            shown = box.get_property('value')
+            for keys in ([Keys.TAB], [Keys.CONTROL, 'a', Keys.NULL, Keys.BACKSPACE, Keys.TAB]):
+                box.click()
+                box.send_keys(*keys)
+                wait_for(browser, lambda: box.get_property('value') == shown)
+        boxes[0].send_keys(Keys.CONTROL, 'a', Keys.NULL, '150', Keys.TAB)
+        wait_for(browser, lambda: page.yaml != before)
+        assert replace(page.mission, duration=120.4, slots=20) == Scenario.load(
+            tmp_path / 'mission.yaml')
+
+
 def test_mission_and_plan_can_be_downloaded(page):
     plan = page.wait_for_plan()
     for name in ('mission.yaml', 'plan.json'):
@@ -306,6 +436,22 @@ def test_mission_and_plan_can_be_downloaded(page):
     assert Scenario.load(page.browser.folder / 'mission.yaml') == PAPER
     saved = Plan.load(page.browser.folder / 'plan.json')
     assert saved.positions.tolist() == plan.positions.tolist()
+
+
+def test_downloads_are_of_the_mission_that_the_text_has_at_the_click(page):
+    page.wait_for_plan()
+    pane, text = page.browser.find_element(By.ID, 'yaml'), page.yaml
+    for name, duration in (('mission.yaml', 110.0), ('plan.json', 115.0)):
+        file = page.browser.folder / name
+        file.unlink(missing_ok=True)
+        pane.send_keys(Keys.CONTROL, 'a')
+        pane.send_keys(text.replace('duration: 120.0', f'duration: {duration}'))
+        page.browser.execute_script('[...document.querySelectorAll("#file button")].find('
+                                    'button => button.innerText.includes(arguments[0])).click()',
+                                    name)  # Without leaving the pane, as fast as a tap.
+        wait_for(page.browser, file.exists)
+        saved = Scenario.load(file) if name == 'mission.yaml' else Plan.load(file).scenario
+        assert saved.duration == duration
 
 
 def test_the_page_fits_a_phone_asks_its_own_server_only_and_logs_no_errors(browser, url):

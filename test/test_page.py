@@ -13,7 +13,8 @@ from urllib.request import url2pathname
 import numpy as np
 from processes import ROOT
 import pytest
-from secure_uav_planner import Bound, Channel, Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner import (
+    Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Scenario, Uav)
 from secure_uav_planner.output.page import draw_page, save_page
 from selenium import webdriver
 from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
@@ -236,6 +237,26 @@ def test_any_screen_is_filled_and_scrolled_and_no_text_is_cut_or_covers_another(
                                  '"#plan .nsewdrag")).touchAction') != 'none'
 
 
+def test_a_phone_shows_the_map_of_many_uavs_and_scrolls_no_further_than_the_plot(
+        browser, tmp_path):
+    before, file = browser.current_url, tmp_path / 'plan.html'
+    crowd = replace(Scenario.paper(120.0, slots=10), ground_node=None, ground_nodes=tuple(
+        GroundNode((0.0, 60.0 * number)) for number in range(6)), uavs=tuple(
+            Uav(f'uav{number}', (40.0 * number, 400.0), (40.0 * number, -400.0),
+                100.0 + 5 * number, 12.0) for number in range(8)))
+    save_page(fly_hover_fly(crowd), file)
+    browser.get_log('browser')
+    with screen_of(browser, 360, 740):
+        open_page(browser, file)
+        height, scrolled, map_height = browser.execute_script("""
+            const layout = document.getElementById('plan')._fullLayout;
+            return [layout.height, document.documentElement.scrollHeight, layout.yaxis._length];
+        """)
+        assert map_height > 200 and height < scrolled < height + 100
+    browser.get(before)
+    assert [log for log in browser.get_log('browser') if log['level'] == 'SEVERE'] == []
+
+
 def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
     moving = replace(Scenario.paper(120.0, slots=12), eavesdroppers=tuple(
         Eavesdropper(name=name, track=((0.0, 200.0, -300.0, 15.0), (120.0, 200.0, y, 15.0)))
@@ -250,6 +271,18 @@ def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
     paths = [np.stack([trace.x, trace.y], axis=1) for trace in traces
              if trace.legendgroup == baseline.method and trace.xaxis == 'x']
     assert np.array_equal(paths, baseline.positions)
+
+
+def test_the_chart_of_powers_draws_each_slot_with_power_over_its_whole_length(plan):
+    powers = plan.powers.copy()
+    powers[0, [3, 5, -2]] = 0.0  # A slot alone, and the last one alone.
+    page = draw_page(replace(plan, powers=powers))
+    for watts, trace in zip(powers, (trace for trace in page.data if trace.yaxis == 'y2')):
+        x, y = np.array([trace.x, trace.y], dtype=float)
+        drawn = [(*x[at:at + 2], y[at]) for at in range(0, len(x), 2) if y[at] == y[at + 1]]
+        assert trace.line.shape is None and drawn == [
+            (plan.times[slot + 1], plan.times[slot + 2], power)
+            for slot, power in enumerate(watts) if power > 0]
 
 
 def test_the_axis_of_powers_ends_just_below_the_least_and_a_baseline_has_one_line_style(plan):

@@ -65,6 +65,11 @@ def list_handles(mission: Mission) -> list[Handle]:
         for end, outline in (('goal', _SQUARE), ('start', _DISC)))]
 
 
+def list_places(mission: Mission) -> list[FieldPath]:
+    """Return the paths of the values that the shapes of list_handles move, by their numbers."""
+    return [handle.place for handle in list_handles(mission)]
+
+
 def _list_areas(mission: Mission) -> Iterator[Handle]:
     """
     Yield Handles of fence and zones, each before the Handles of its corners.

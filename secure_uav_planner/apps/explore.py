@@ -15,11 +15,13 @@ import webbrowser
 from dash import ALL, ctx, Dash, dcc, html, Input, no_update, Output, Patch, State
 from dash.exceptions import PreventUpdate
 from flask import abort, request
+import numpy as np
 import plotly.graph_objects as go
 from werkzeug.serving import make_server
 
 from .editing import (
-    add_member, drag, list_handles, Mission, read_field, remove_member, set_field, to_mission)
+    add_member, drag, list_handles, list_places, Mission, read_field, remove_member, set_field,
+    to_mission)
 from .layout import (
     ADDED, FIELDS, lay_out, list_entries, list_rates, MISSION, PAGE, PLAN, widen)
 from .mission_text import MissionText
@@ -48,6 +50,8 @@ class Editor:
 
     :param source: the MissionText of the first mission.
     :ivar version: number that grows with each change that the page should show.
+    :ivar numbered: the version since which the shapes of the map have their numbers.
+    :ivar unscaled: the (duration, slots) of a mission by what the slider made of them.
     :ivar problem: why the last edit was refused, '' if it was taken.
     :ivar progress: text on the progress of the last solve.
     :ivar source: the MissionText, which reads and changes texts.
@@ -63,10 +67,12 @@ class Editor:
         self.kept: Plan | None = None
         self.source = source
         self.extent = widen(map_extent(source.scenario))
+        self.unscaled: dict[tuple[float, int], tuple[float, int]] = {}
+        self.numbered, self._places = 0, list_places(to_mission(source.scenario))
         # Missions with their texts, oldest first, and the index of the present one.
         self._history, self._present = [(to_mission(source.scenario), source.text)], 0
         self._solve: Future[Plan] | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     @property
     def mission(self) -> Mission:
@@ -80,17 +86,30 @@ class Editor:
 
     def edit(self, mission: Mission, text: str | None = None) -> None:
         """Add a changed mission in place of undone ones; without a text, adapt the old text."""
-        if mission != self.mission or text not in (None, self.text):
-            if text is None:
-                text = self.source.change(self.text, self.mission, mission)
-            self._history = [*self._history[:self._present + 1], (mission, text)][-_MOST_STEPS:]
-            self.step(_MOST_STEPS)  # The new mission is the last one of the history.
+        with self._lock:
+            if mission != self.mission or text not in (None, self.text):
+                if text is None:
+                    text = self.source.change(self.text, self.mission, mission)
+                self._history = [
+                    *self._history[:self._present + 1], (mission, text)][-_MOST_STEPS:]
+                self.step(_MOST_STEPS)  # The new mission is the last one of the history.
+
+    def write(self, text: str) -> None:
+        """
+        Take the mission of another text.
+
+        :raises MissionFileError: if the text is refused.
+        """
+        if text != self.text:
+            self.edit(to_mission(self.source.read(text)), text)
 
     def step(self, steps: int) -> None:
         """Redo a number of edits, or undo them if it is negative; stop at the history's ends."""
         with self._lock:
             self._present = min(max(self._present + steps, 0), len(self._history) - 1)
             self.version, self.problem, self._solve = self.version + 1, '', None
+            if (places := list_places(self.mission)) != self._places:
+                self.numbered, self._places = self.version, places
 
     def solve(self) -> Future[Plan]:
         """
@@ -169,27 +188,33 @@ def make_app(source: MissionText, port: int) -> Dash:
         Output('version', 'data'), Output('yaml', 'value'), Output({'field': ALL}, 'value'),
         Input('removed', 'data'), Input('yaml', 'n_blur'),
         Input({'do': ALL}, 'n_clicks'), Input({'field': ALL}, 'value'),
-        State('yaml', 'value'), State('version', 'data'), State('page', 'data'),
+        State('yaml', 'value'), State('version', 'data'), State('drawn', 'data'),
+        State('page', 'data'),
         prevent_initial_call=True)
     def edit(*arguments: Any) -> Any:
         """Edit the mission by the changed component; return version, text and field values."""
-        *_, values, text, version, page = arguments
-        value = text if ctx.triggered_id == 'yaml' else ctx.triggered[0]['value']
+        removed, *_, values, text, version, drawn, page = arguments
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update, [no_update] * len(values)
-        return _edit(editors[page], ctx.triggered_id, value, values, version)
+        # Dash gives None for the value of a component whose id has letters beyond ASCII.
+        fields = dict(zip(FIELDS, values))
+        changes = [(trigger, removed if trigger == 'removed' else None if trigger == 'yaml' else
+                    fields.get(trigger.get('field')))
+                   for trigger in ctx.triggered_prop_ids.values()]
+        return _edit(editors[page], changes, text, values, version, drawn)
 
     @app.callback(
         Output('version', 'data', allow_duplicate=True),
         Output('yaml', 'value', allow_duplicate=True), Input('map', 'relayoutData'),
-        State('version', 'data'), State('page', 'data'), prevent_initial_call=True)
-    def edit_shapes(change: Any, version: int, page: str) -> Any:
+        State('version', 'data'), State('drawn', 'data'), State('page', 'data'),
+        State('yaml', 'value'), prevent_initial_call=True)
+    def edit_shapes(change: Any, version: int, drawn: int, page: str, text: str) -> Any:
         """Edit the mission by a dragged shape; return version and text."""
         # A callback of its own: with a resize of the window, Plotly reports a moved view, which
         # would supersede an edit that is running in the callback `edit`.
         if page not in editors:  # The callback `follow` asks to reload the page.
             return version + 1, no_update
-        return _edit(editors[page], 'map', change, [], version)[:2]
+        return _edit(editors[page], [('map', change)], text, [], version, drawn)[:2]
 
     @app.callback(
         Output('map', 'figure'), Output('charts', 'figure'), Output('words', 'children'),
@@ -208,57 +233,102 @@ def make_app(source: MissionText, port: int) -> Dash:
         version = editor.version
         return *_follow(editor, drawn != version, ticks), version
 
-    @app.callback(Output('download', 'data'), Input({'save': ALL}, 'n_clicks'),
-                  State('page', 'data'), prevent_initial_call=True)
-    def download(_: Any, page: str) -> Any:
-        """Send the text of the mission or the last plan, nothing without a plan."""
-        editor = editors.get(page)
-        if editor is not None and ctx.triggered_id['save'] == MISSION:
-            return dcc.send_string(editor.text, MISSION)
-        if editor is None or editor.plan is None:
+    @app.callback(Output('download', 'data'), Output('version', 'data', allow_duplicate=True),
+                  Input({'save': ALL}, 'n_clicks'),
+                  State('yaml', 'value'), State('version', 'data'), State('page', 'data'),
+                  prevent_initial_call=True)
+    def download(_: Any, text: str, version: int, page: str) -> Any:
+        """Send the text of the mission or its plan, nothing if it cannot be flown."""
+        if page not in editors:
             raise PreventUpdate
-        with TemporaryDirectory() as folder:
-            editor.plan.save(Path(folder) / PLAN)
-            return dcc.send_file(Path(folder) / PLAN)
+        editor = editors[page]
+        # The callback `edit` may take the text later, and tells why a text is refused.
+        if version == editor.version:
+            with suppress(MissionFileError):
+                editor.write(text)
+        if ctx.triggered_id['save'] == MISSION:
+            return dcc.send_string(editor.text, MISSION), editor.version
+        try:
+            while not (future := editor.solve()).done():
+                wait([future])
+            with TemporaryDirectory() as folder:
+                future.result().save(Path(folder) / PLAN)
+                return dcc.send_file(Path(folder) / PLAN), editor.version
+        except PlanningError:
+            raise PreventUpdate from None
 
     return app
 
 
-def _edit(editor: Editor, trigger: Any, value: Any, values: list[Any], version: int) -> Any:
+def _edit(editor: Editor, changes: list[tuple[Any, Any]], text: str, values: list[Any],
+          version: int, drawn: int) -> Any:
     """
-    Edit the mission by one change of the page; return version, text and values of FIELDS.
+    Edit the mission by what was changed on the page; return version, text and values of FIELDS.
 
-    An edit that is refused leaves the mission and sets editor.problem.
+    A changed text is taken first, also if its pane has the focus. A text that is refused stays,
+    and sets editor.problem; then 'undo' drops it, and no other edit is taken.
 
-    :param trigger: id of the changed component: 'map', 'removed', 'yaml', {'field': label} of
-        FIELDS, or {'do': name} of a button.
-    :param value: new value of this component.
+    :param changes: (id, new value) of each changed component; ids are 'map', 'removed', 'yaml',
+        {'field': label} of FIELDS, and {'do': name} of a button.
+    :param text: text of the pane.
     :param values: values of all FIELDS on the page, in their order.
     :param version: version that the page shows.
+    :param drawn: version whose shapes the map shows; numbers of other shapes change nothing.
     :raises PreventUpdate: if nothing has changed since this version.
     """
-    mission = editor.mission
+    # Only the view of the map was moved if no shape changed.
+    changes = [(trigger, value) for trigger, value in changes if trigger != 'map' or any(
+        name.startswith('shapes[') for name in value)]
+    if not changes:
+        raise PreventUpdate
     try:
-        if trigger == 'map':
-            editor.edit(drag(mission, value))
-        elif trigger == 'removed':
-            editor.edit(remove_member(mission, value[0]))
-        elif trigger == 'yaml':
-            editor.edit(to_mission(editor.source.read(value)), value)
-        elif 'field' in trigger:
-            editor.edit(set_field(mission, *FIELDS[trigger['field']][:2], value))
-        elif trigger['do'] in ADDED:
-            editor.edit(add_member(mission, trigger['do'], editor.extent))
-        else:
-            editor.step(-1 if trigger['do'] == 'undo' else 1)
+        if version == editor.version or ('yaml', None) in changes:
+            editor.write(text)
+        # Two changes come at once if a button is tapped while a field has the focus.
+        for trigger, value in sorted(changes, key=lambda change: 'do' in change[0]):
+            if trigger != 'yaml':
+                _apply(editor, trigger, value, drawn)
     except MissionFileError as error:
         editor.version += 1
         editor.problem = '\n'.join(f'line {line}: {words}' for line, words in error.problems)
-    if version == editor.version:  # Only the view of the map was moved.
-        raise PreventUpdate
+        if ({'do': 'undo'}, None) in changes:
+            editor.step(0)
     fields = [read_field(editor.mission, *field[:2]) for field in FIELDS.values()]
-    return editor.version, value if editor.problem else editor.text, [
-        no_update if field == before else field for field, before in zip(fields, values)]
+    updates = [no_update if field == before else field for field, before in zip(fields, values)]
+    if version == editor.version and all(update is no_update for update in updates):
+        raise PreventUpdate
+    return editor.version, text if editor.problem else editor.text, updates
+
+
+def _apply(editor: Editor, trigger: Any, value: Any, drawn: int) -> None:
+    """Edit the mission by one changed component; see _edit."""
+    mission = editor.mission
+    if trigger in ('map', 'removed') and drawn < editor.numbered:
+        editor.step(0)  # The shapes are drawn again where they are.
+    elif trigger == 'map':
+        editor.edit(drag(mission, value))
+    elif trigger == 'removed':
+        editor.edit(remove_member(mission, value[0]))
+    elif 'field' in trigger:
+        owner, field, component = FIELDS[trigger['field']]
+        present = read_field(mission, owner, field)
+        if component.func is dcc.Slider and present is not None:
+            low, high, step = component.args
+            # A box that is left tells the present value on the slider, or None if it is empty.
+            if value is None or abs(value - np.clip(present, low, high)) < 0.51 * step:
+                return
+        if field != 'duration':
+            return editor.edit(set_field(mission, owner, field, value))
+        # The steps of the slider scale one number of slots, as each step rounds.
+        now = mission['duration'], mission['slots']
+        duration, slots = editor.unscaled.get(now, now)
+        mission = set_field({**mission, 'duration': duration, 'slots': slots}, owner, field, value)
+        editor.unscaled[mission['duration'], mission['slots']] = duration, slots
+        editor.edit(mission)
+    elif trigger['do'] in ADDED:
+        editor.edit(add_member(mission, trigger['do'], editor.extent))
+    else:
+        editor.step(-1 if trigger['do'] == 'undo' else 1)
 
 
 def _follow(editor: Editor, is_new: bool, ticks: int) -> Any:

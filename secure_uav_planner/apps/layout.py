@@ -106,16 +106,22 @@ window.fetch = (...request) => ask(...request).catch(error => {
   dash_clientside.set_props('words', {className: 'old'});
   throw error;
 });
-// A double click or tap on a shape removes what it stands for.
-let first = {timeStamp: -Infinity};
+// A double click or tap on a shape removes what it stands for; a second press that moves drags it.
+let first = {timeStamp: -Infinity}, second = null;
+const distance = (event, earlier) => Math.hypot(
+  event.clientX - earlier.clientX, event.clientY - earlier.clientY);
 addEventListener('pointerdown', event => {
   const shape = event.target.closest('#map [data-index]');
-  const isSecond = shape && event.timeStamp - first.timeStamp < 500
-    && Math.hypot(event.clientX - first.clientX, event.clientY - first.clientY) < 20;
-  if (isSecond) {
-    dash_clientside.set_props('removed', {data: [Number(shape.dataset.index), Date.now()]});
-  }
+  const isSecond = shape && event.timeStamp - first.timeStamp < 500 && distance(event, first) < 20;
+  second = isSecond ? {event, index: Number(shape.dataset.index)} : null;
   first = isSecond ? {timeStamp: -Infinity} : event;
+}, true);
+addEventListener('pointerup', event => {
+  // Plotly drags a shape from 8 pixels on.
+  if (second && distance(event, second.event) < 8) {
+    dash_clientside.set_props('removed', {data: [second.index, Date.now()]});
+  }
+  second = null;
 }, true);
 </script></body></html>""".replace('#RATE', RATE)
 

@@ -19,6 +19,7 @@ _STYLE = ('<meta name="viewport" content="width=device-width, initial-scale=1"><
           'h1 { margin: 10px 20px 0; font-size: 17px; font-weight: normal }</style>')
 _ARRANGE = """
 const plot = document.getElementById('{plot_id}');
+plot.style.height = plot.parentElement.style.height = 'auto';
 function arrange() {
   // Charts beside a map that is as wide as its shape asks for; where that is narrow, below it.
   const width = document.documentElement.clientWidth, inner = width - 80, isNarrow = width < 700;
@@ -68,6 +69,9 @@ def save_page(plan, path, baselines=(), comparison=None):
     figure = draw_page(plan, baselines, comparison)
     title = figure.layout.title.text
     figure.layout.title = None  # The document wraps the title; Plotly would not.
+    # Plotly draws the page first at this height [px], which leaves room beside any legend and
+    # slider text; _ARRANGE sets the height of the screen.
+    figure.update_layout(height=2000)
     (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
     content = figure.to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, div_id='plan',

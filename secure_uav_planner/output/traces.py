@@ -89,8 +89,8 @@ class PlanTraces:
         for index, path in enumerate(comparison.flight.positions):
             yield _scatter(path[:, :2], showlegend=not index, **style), None
         rates = np.where(comparison.covered, comparison.achieved['guaranteed'].sum(axis=0), np.nan)
-        yield go.Scatter(x=self.plan.times[1:-1].tolist(), y=rates.tolist(), showlegend=False,
-                         line_shape='hv', **style), 2
+        x, y = _steps(self.plan.times[1:], rates)
+        yield go.Scatter(x=x, y=y, showlegend=False, **style), 2
 
     def baseline_traces(self, baselines):
         """Yield (trace, chart row or None: map) of distinct paths and all guaranteed rates."""
@@ -111,10 +111,10 @@ class PlanTraces:
         plan, times = self.plan, self.plan.times.tolist()
         for index, uav in enumerate(plan.scenario.uavs):
             # Zero has no logarithm: slots without power are gaps.
-            watts = [power if power > 0 else None for power in self.powers[index].tolist()]
-            trace = go.Scatter(x=times, y=watts, name=uav.name, showlegend=False,
-                               connectgaps=False, **_uav_style(index, uav))
-            yield trace.update(line_shape='hv'), 1
+            watts = plan.powers[index]
+            x, y = _steps(plan.times[1:], np.where(watts > 0, watts, np.nan))
+            yield go.Scatter(x=x, y=y, name=uav.name, showlegend=False, connectgaps=False,
+                             **_uav_style(index, uav)), 1
         for values, dash, width, name, row in (
                 (self.worst, 'dash', 1.5, 'worst_case', 2),
                 (self.guaranteed, 'solid', 2.5, 'guaranteed', 2),
@@ -221,6 +221,17 @@ def _scatter(points, **options):
     """Return the trace of points, (K, 2)."""
     x, y = np.transpose(points).tolist()
     return go.Scatter(x=x, y=y, **options)
+
+
+def _steps(edges, values):
+    """
+    Return x and y of the line of values (N,) that each hold between two of the edges (N + 1,).
+
+    A value that is not finite is a gap. Plotly's line shape 'hv' would not draw the value before
+    a gap, nor the last one.
+    """
+    x, y = np.repeat(edges, 2)[1:-1], np.repeat(values, 2)
+    return x.tolist(), [value if np.isfinite(value) else None for value in y.tolist()]
 
 
 def _dot(x, y, color, group):
