@@ -238,6 +238,17 @@ def test_a_flight_whose_rate_changes_is_not_steady(plan):
     tracking.followed.check_steady(1014.0)  # After a silence it stands.
 
 
+def test_a_flight_is_steady_as_soon_as_its_follower_reports_the_begin_again(plan):
+    tracking = tracking_of(plan)
+    report(tracking, plan, *((1010.0 + since, 10.0 + since - 0.1 * since**2)
+                             for since in np.arange(20) * 0.05))
+    with pytest.raises(LateError):
+        tracking.followed.check_steady(1011.0)
+    report(tracking, plan, (1011.02, 0.0))
+    tracking.followed.check_steady(1011.1)
+    assert tracking.followed.flight(1011.1).state == 'waiting'
+
+
 @pytest.mark.parametrize('period', [0.02, 0.2, 1.0])
 def test_a_flight_is_not_steady_right_after_its_clock_jumped_ahead(plan, period):
     """Before, the receivers were predicted for a playback speed below 1."""
