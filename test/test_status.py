@@ -2,6 +2,8 @@
 
 from dataclasses import fields, is_dataclass, replace
 import math
+import time
+from types import SimpleNamespace
 from typing import get_args, get_origin, get_type_hints
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -13,7 +15,7 @@ from ros_client import values_of
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.errors import LateError, OptionError
 from secure_uav_planner.ros.planner.status import (
-    level_and_text, plan_status, RequestOutcome, State)
+    level_and_text, plan_status, RequestOutcome, State, WarningLog)
 from secure_uav_planner.ros.planner_status import list_keys, PlannerStatus, TrackStatus
 from test_plan import gap_plan
 
@@ -119,3 +121,18 @@ def test_a_plan_without_a_promised_slot_is_told_with_warn():
     assert 'guaranteed rate none, worst-case rate none bit/s/Hz; no slot is promised: receivers ' \
         'are predicted until -2.2 s and slot 1 begins at 10.0 s' in outcome.text
     assert plan_status(first, None, 0.0).promised_slots == 2
+
+
+def test_a_warning_that_comes_and_goes_is_logged_once_in_five_seconds(monkeypatch):
+    logged, clock = [], [100.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: clock[0])
+    log = WarningLog(SimpleNamespace(warning=logged.append))
+    for _ in range(120):  # 12 s, with a good message after each refused one.
+        log.warn('uav1/pose', 'it is in another frame')
+        clock[0] += 0.1
+        log.clear('uav1/pose', 5.0)
+    assert len(logged) == 3
+    log.clear('uav1/pose')
+    for number in range(9):
+        log.warn('uav1/pose', f'it is {number} s old')
+    assert len(logged) == 8

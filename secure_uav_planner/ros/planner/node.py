@@ -43,6 +43,7 @@ from ...plan.flight import Flight
 from ...plan.plan import Plan
 
 _CHECK_PERIOD = 0.1  # Time [s] between checks of the UAVs' positions and of replans.
+_WARN_AGAIN_S = 5.0  # Least time between two equal warnings about poses, good ones between.
 _CLOCK_LAG = 2.0  # Largest lag [s] of simulated time, whose messages may come late.
 _DISCOVERY = 3.0  # Longest time [s] that nodes of one host took to discover each other.
 
@@ -142,7 +143,7 @@ class Planner(WorkingNode):
         except PoseError as error:
             self._pose_warnings.warn(topic, f'{topic}: {brief(error)}; it is not used')
             return
-        self._pose_warnings.clear(topic)
+        self._pose_warnings.clear(topic, _WARN_AGAIN_S)
         if remark:
             self.get_logger().warning(remark)
         if is_first or remark:

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+import time
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -146,18 +147,22 @@ class WarningLog:
     """Logs each warning about a subject once, at most 5 until the subject is cleared."""
 
     def __init__(self, log: RcutilsLogger) -> None:
-        self._log, self._logged = log, defaultdict[str, set[str]](set)
+        self._log = log
+        # When each warning was logged [s of time.monotonic()], by subject and text.
+        self._logged = defaultdict[str, dict[str, float]](dict)
 
     def warn(self, subject: str, text: str) -> None:
         """Log a warning once, at most _MOST_WARNINGS about a subject until it is cleared."""
         logged = self._logged[subject]
         if text not in logged and len(logged) < _MOST_WARNINGS:
-            logged.add(text)
+            logged[text] = time.monotonic()
             self._log.warning(text)
 
-    def clear(self, subject: str) -> None:
-        """Forget the warnings about a subject, so that they are logged again."""
-        self._logged[subject].clear()
+    def clear(self, subject: str, age: float = 0.0) -> None:
+        """Forget the warnings about a subject of this age [s] or more; they are logged again."""
+        if logged := self._logged[subject]:
+            newest = time.monotonic() - age
+            self._logged[subject] = {text: at for text, at in logged.items() if at > newest}
 
 
 def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
