@@ -8,6 +8,7 @@ import tracemalloc
 
 from hypothesis import given, settings, strategies as st
 from matplotlib.image import imread
+from matplotlib.text import Text
 import numpy as np
 import pytest
 from scipy import stats
@@ -51,6 +52,23 @@ def agrees(samples, law):
 
 
 # Rates
+
+
+@pytest.mark.parametrize('until, gaps', [(90.0, ((20.0, 40.0),)), (0.0, ())])
+def test_rates_are_over_the_slots_that_the_plan_promises(until, gaps):
+    whole = solve(Scenario.paper(120.0, slots=24))
+    plan = replace(whole, promised_until=until, gaps=gaps)
+    found = assess(plan, draws=50)
+    assert (found.outages[plan.promised_slots] == 0.0).all()
+    if until:
+        assert 0 < plan.promised_slots.sum() < 24
+        assert found.rates.min() >= plan.promise.rate
+    else:  # Without a promise, over all slots.
+        assert found.mean == assess(whole, draws=50).mean
+    figure = draw_assessment(found)
+    figure.draw_without_rendering()
+    (title,) = (text for text in figure.axes[0].findobj(Text) if 'draws:' in text.get_text())
+    assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
 def gain_of(one, heights, squared, sight=None):

@@ -16,6 +16,7 @@ from secure_uav_planner.assessment.flown import compare, read_flight
 from secure_uav_planner.errors import LogFileError, OptionError
 from secure_uav_planner.model.channel import guaranteed_node_rates
 from secure_uav_planner.model.curve import GAUSS_LEGENDRE
+from secure_uav_planner.output.flown_picture import draw_comparison
 from strategies import with_uavs
 from studies.flown.logs import fly, write_csv, write_dataflash, write_ulog
 
@@ -290,6 +291,16 @@ def test_wrong_arguments_are_named(source, options, words, plan):
         read_flight(source, plan, **options)
 
 
+def test_the_picture_of_a_flight_names_zones_once(plan, flight, tmp_path):
+    zones = tuple(NoFlyZone(((x, 800.0), (x + 9.0, 800.0), (x, 809.0))) for x in (0.0, 50.0, 90.0))
+    zoned = replace(plan, scenario=replace(plan.scenario, no_fly_zones=zones))
+    source = write_logs(flight, 'csv', tmp_path)
+    figure = draw_comparison(compare(zoned, read_flight(source, zoned)))
+    labels = [text.get_text() for axes in figure.axes if axes.get_legend()
+              for text in axes.get_legend().get_texts() if 'zone' in text.get_text()]
+    assert labels == ['no-fly zone']
+
+
 def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path, command):
     plan.save(tmp_path / 'plan.json')
     words = 'assess', tmp_path / 'plan.json', '--flown'
@@ -299,6 +310,7 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     page = tmp_path / 'flown.html'
     command(*words, source, '-o', page)
     assert page.read_text().count('"name":"flown"') == 3  # Two ways and the rates.
+    assert '"name":"planned, mean of each slot"' in page.read_text()
     short = fly(plan, DELAY, OFFSET, after=-40.0)
     write_csv(short, tmp_path / 'short.csv', START_NS * 1e-9)
     out, _ = command(*words, tmp_path / 'short.csv', '--json', status=3)

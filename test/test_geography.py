@@ -16,6 +16,7 @@ from secure_uav_planner import (
     Eavesdropper, NoFlyZone, Origin, read_zones, Scenario)
 from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.polygons import depth
+from secure_uav_planner.output.geojson import _cut_line
 from secure_uav_planner.ros.settings import load_mission, origin_from
 import shapely
 import yaml
@@ -295,6 +296,14 @@ def test_the_map_of_a_plan_is_cut_at_180_degrees_and_read_back(
             assert len(times) == len(powers) == len(places) / 2
             own = np.isin(times, plan.times[1:-1])
             assert set(powers[own]) == set(plan.powers[index])
+
+
+def test_a_line_that_begins_at_180_degrees_has_no_part_without_length():
+    geometry, values = _cut_line(np.array([[180.0, 10.0], [179.9, 10.0], [179.8, 10.0]]),
+                                 {'times': [0.0, 1.0, 2.0], 'powers': None})
+    assert geometry == {'type': 'LineString', 'coordinates': [
+        (180.0, 10.0), (179.9, 10.0), (179.8, 10.0)]}
+    assert values == {'times': [0.0, 1.0, 2.0], 'powers': None}
 
 
 def flatten(values):

@@ -16,6 +16,7 @@ import pytest
 from secure_uav_planner import (
     Bound, Channel, Eavesdropper, fly_hover_fly, GroundNode, Scenario, Uav)
 from secure_uav_planner.output.page import draw_page, save_page
+from secure_uav_planner.output.traces import PlanTraces
 from selenium import webdriver
 from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
@@ -283,6 +284,16 @@ def test_the_chart_of_powers_draws_each_slot_with_power_over_its_whole_length(pl
         assert trace.line.shape is None and drawn == [
             (plan.times[slot + 1], plan.times[slot + 2], power)
             for slot, power in enumerate(watts) if power > 0]
+
+
+def test_small_powers_and_the_times_of_a_short_flight_are_told_apart():
+    track = (0.0, 2.0, -3.0, 0.1), (2.0, 2.0, 3.0, 0.1)
+    uav = Uav('hopper', (-2.0, -2.0), (2.0, 2.0), 3.0, 5.0)
+    plan = fly_hover_fly(Scenario((0.0, 0.0), (Eavesdropper(track=track),), (uav,), 2.0, 20))
+    content = PlanTraces(replace(plan, powers=np.full_like(plan.powers, 3e-5)))
+    assert 'hopper 0.03 mW' in content.readout(2)
+    *_, marks = content.track_traces()
+    assert len({*marks.text}) == len(marks.text)
 
 
 def test_the_axis_of_powers_ends_just_below_the_least_and_a_baseline_has_one_line_style(plan):

@@ -10,6 +10,7 @@ from scipy.io import loadmat
 from secure_uav_planner import (
     Bound, Eavesdropper, fly_hover_fly, GroundNode, Scenario, solve, upper_bound)
 from secure_uav_planner.errors import OptionError
+from secure_uav_planner.output.drawing import eavesdropper_color, node_color
 from secure_uav_planner.output.tables import COLUMNS
 from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios, with_uavs
@@ -104,6 +105,14 @@ def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
         # A UAV with a limit of acceleration leaves half a slot before point 0.
         half = 0.5 if scenario.uavs[0].max_acceleration else 1.0
         assert steps.iloc[0] == steps.iloc[-1] == pytest.approx(half * scenario.slot_duration)
+
+
+def test_many_ground_nodes_and_moving_eavesdroppers_have_colours_of_their_own(plan):
+    track = ((0.0, 200.0, -300.0, 10.0), (100.0, 200.0, 300.0, 20.0))
+    scenario = replace(plan.scenario, ground_node=None, ground_nodes=tuple(
+        GroundNode((0.0, 10.0 * number)) for number in range(16)))
+    assert len({node_color(scenario, number) for number in range(16)}) == 16
+    assert len({eavesdropper_color(number, Eavesdropper(track=track)) for number in range(6)}) == 6
 
 
 def test_a_repr_is_short_and_has_the_rate_that_was_maximised():

@@ -37,7 +37,8 @@ class Assessment:
     Secrecy rates of a plan in the drawn worlds, and outages of its slots.
 
     The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
-    equation (6), with the drawn gains of the channel. With several ground nodes, the rate of a
+    equation (6), with the drawn gains of the channel. If the plan promises only some slots, it is
+    the mean over these. With several ground nodes, the rate of a
     mission is the least of the nodes' mean rates, each divided by the node's weight. The rate of a
     slot is the sum over the nodes.
 
@@ -74,7 +75,7 @@ class Assessment:
 
     @property
     def mean(self) -> float:
-        """Mean of the mission's secrecy rate over the draws in bit/s/Hz."""
+        """Mean over the draws of the secrecy rate in the promised slots in bit/s/Hz."""
         return float(self.rates.mean())
 
     def plot(self) -> 'Figure':
@@ -177,6 +178,8 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     step, count = scenario.slot_duration, scenario.slots
     # Rates of the ground nodes summed over the slots, (G, D), and bit/Hz delivered in each draw. A
     # slot delivers its promised rate, and nothing if the rate of the draw is lower.
+    # The mission's rate is over the promised slots, as the plan's rate is; over all without any.
+    counted = plan.promised_slots if plan.promised_slots.any() else np.ones(count, bool)
     sums, delivered = np.zeros((len(plan.shares), draws)), np.zeros(draws)
     fan, outages = np.empty((len(FAN), count)), np.empty(count)
     for slot, node_rates in enumerate(
@@ -185,12 +188,12 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         shared = plan.shares[:, slot, None] * np.maximum(node_rates, 0.0)
         rates = shared.sum(axis=0)
         is_kept = rates >= promised[slot] - rounding
-        sums += shared
+        sums += shared * counted[slot]
         delivered += step * promised[slot] * is_kept
         outages[slot] = np.count_nonzero(~is_kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
     # The rate of a draw is the least of (mean rate + offset) / weight over the ground nodes.
-    least = ((sums / count + scenario.node_offsets[:, None])
+    least = ((sums / counted.sum() + scenario.node_offsets[:, None])
              / scenario.node_weights[:, None]).min(axis=0)
     return Assessment(plan, world, draws, seed, read_only(least), read_only(fan),
                       read_only(outages), read_only(delivered), promised, flown is not None)

@@ -27,14 +27,19 @@ def uav_color(index: int) -> str:
     """Return the colour of a UAV, '#rrggbb'; from the sixth jammer on, darker ones repeat."""
     if index == 0:
         return _UAVS[0]
-    repeats, color = divmod(index - 1, len(_UAVS) - 1)
-    channels = (int(_UAVS[1 + color][at:at + 2], 16) for at in (1, 3, 5))
+    return _repeat_darker(_UAVS[1:], index - 1)
+
+
+def _repeat_darker(colors: tuple[str, ...], index: int) -> str:
+    """Return the colour of an index; beyond the last of the colours, darker ones repeat."""
+    repeats, color = divmod(index, len(colors))
+    channels = (int(colors[color][at:at + 2], 16) for at in (1, 3, 5))
     return '#' + ''.join(f'{round(channel * 0.6**repeats):02X}' for channel in channels)
 
 
 def eavesdropper_color(index, eavesdropper):
     """Return the colour of an eavesdropper; only moving eavesdroppers have different colours."""
-    return EAVESDROPPER if eavesdropper.track is None else _MOVING[index % len(_MOVING)]
+    return EAVESDROPPER if eavesdropper.track is None else _repeat_darker(_MOVING, index)
 
 
 _SCHEME_NAMES = {
@@ -68,7 +73,7 @@ def distinct_paths(baselines):
 def node_color(scenario, index):
     """Return the colour of a ground node, '#rrggbb'; a single ground node is black."""
     several = len(scenario.ground_nodes) > 1
-    return _NODES[index % len(_NODES)] if several else GROUND_NODE
+    return _repeat_darker(_NODES, index) if several else GROUND_NODE
 
 
 def node_labels(scenario):

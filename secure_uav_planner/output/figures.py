@@ -17,6 +17,7 @@ _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
 _BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))  # Low, high in FAN; opacity.
 _PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
+_TITLE_WIDTH = 90  # Letters in a line of the title.
 _LEGEND_WIDTH = 14  # Letters in a line of a legend.
 _LEAST_RANGE = 1e-9  # Range of rates [bit/s/Hz] below which the histogram is 1 bit/s/Hz wide.
 
@@ -54,12 +55,10 @@ def draw_assessment(assessment) -> Picture:
     """Return a Figure: rate and outage of each slot over the draws, and rates of the mission."""
     figure = Picture(figsize=_SIZE, layout='constrained')
     slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
-    slots.set_title(
-        f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
-        f'{assessment.quantile(0.05):.3f} at 5%; '
-        f'{rate_text(assessment.promised_rate, 3)} '
-        f'{assessment.claim}',
-        fontsize=11, loc='left')
+    title = (f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
+             f'{assessment.quantile(0.05):.3f} at 5%; '
+             f'{rate_text(assessment.promised_rate, 3)} {assessment.claim}')
+    slots.set_title('\n'.join(wrap(title, _TITLE_WIDTH)), fontsize=11, loc='left')
     promise_style = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}
     _draw_slots(slots, assessment, promise_style)
     _draw_outages(outages, assessment)

@@ -36,10 +36,13 @@ def draw_comparison(comparison: Any) -> Picture:
     for panel in (errors, rates):
         style_axes(panel)
         panel.legend(fontsize=8, frameon=False)
+    # Zones, margins and discs have one entry for all.
+    names = dict(zip(*reversed(area.get_legend_handles_labels())))
+    entries = [*names.values()], [*names]
     if height > width:
-        add_legend(area)
+        add_legend(area, *entries)
     else:  # The map takes all of the width.
-        add_legend(area, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4)
+        add_legend(area, *entries, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4)
     return figure
 
 

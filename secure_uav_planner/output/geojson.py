@@ -135,11 +135,13 @@ def _cut_line(points: Array, values: Mapping[str, Sequence[float] | None]
             turns.append(turn)
         parts[-1].append(after)
     columns = [(np.array(part) - [360 * turn, *np.zeros(rows.shape[1] - 1)]).T.tolist()
-               for part, turn in zip(parts, turns, strict=True)]
+               for part, turn in zip(parts, turns, strict=True)
+               # A line that begins on a meridian of 180 degrees may leave at once what it cuts.
+               if len(parts) == 1 or np.ptp(np.array(part)[:, :2], axis=0).any()]
     coordinates = [[*zip(*part[:2])] for part in columns]
     values_of_parts = {name: [part[index] for part in columns]
                        for index, name in enumerate(names, start=2)}
-    if len(parts) > 1:
+    if len(columns) > 1:
         return {'type': 'MultiLineString', 'coordinates': coordinates}, {
             **values, **values_of_parts}
     return {'type': 'LineString', 'coordinates': coordinates[0]}, {

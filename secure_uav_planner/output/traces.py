@@ -70,7 +70,7 @@ class PlanTraces:
                            line={'color': color, 'width': 1, 'dash': 'dash'})
             yield _scatter(
                 track[marks], mode='markers+text', showlegend=False, hoverinfo='skip',
-                text=[f'{time:.0f} s' for time in plan.times[marks].tolist()],
+                text=[f'{round(time, 1):g} s' for time in plan.times[marks].tolist()],
                 textposition='middle left' if index % 2 else 'middle right',
                 textfont={'size': 10, 'color': color}, marker={'size': 4, 'color': color})
 
@@ -83,7 +83,7 @@ class PlanTraces:
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
 
     def flown_traces(self, comparison):
-        """Yield (trace, chart row or None: map) of flown paths and achieved guaranteed rates."""
+        """Yield (trace, chart row or None: map) of flown paths, and mean rates of the slots."""
         style = {'mode': 'lines', 'legendgroup': 'flown', 'name': 'flown', 'hoverinfo': 'skip',
                  'line': {'color': EAVESDROPPER, 'width': 1}}
         for index, path in enumerate(comparison.flight.positions):
@@ -91,6 +91,11 @@ class PlanTraces:
         rates = np.where(comparison.covered, comparison.achieved['guaranteed'].sum(axis=0), np.nan)
         x, y = _steps(self.plan.times[1:], rates)
         yield go.Scatter(x=x, y=y, showlegend=False, **style), 2
+        # Flown rates are means of slots; the rates of the plan are at its points.
+        x, y = _steps(self.plan.times[1:], comparison.planned['guaranteed'].sum(axis=0))
+        yield go.Scatter(x=x, y=y, mode='lines', hoverinfo='skip',
+                         name='planned, mean of each slot', line={
+                             'color': GEOFENCE, 'width': 1, 'dash': 'dash'}), 2
 
     def baseline_traces(self, baselines):
         """Yield (trace, chart row or None: map) of distinct paths and all guaranteed rates."""
@@ -272,4 +277,4 @@ def _airspace_traces(scenario):
 
 
 def _power_label(power):
-    return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
+    return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.3g} mW'
