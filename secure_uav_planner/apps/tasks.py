@@ -198,7 +198,7 @@ def run_on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[Row]:
         raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the same '
                            'command goes on from here') from None
     finally:
-        with warnings.catch_warnings():  # Of tasks that are cancelled, whose rows are not needed.
+        with warnings.catch_warnings():  # Cancelled tasks need no warning.
             warnings.filterwarnings('ignore', '.*tasks which were still', UserWarning)
             rows.close()
 

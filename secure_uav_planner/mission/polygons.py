@@ -99,7 +99,7 @@ def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     it may be several polygons, or none.
     """
     if abs(margin) <= _OFFSET_TOLERANCE:
-        return (vertices,)  # Of a width that is below rounding, shapely's buffer is empty.
+        return (vertices,)  # Shapely's buffer is empty for widths below rounding.
     polygon, width = shapely.Polygon(vertices), margin
     while True:
         shape = polygon.buffer(width, join_style='mitre', mitre_limit=_MITRE_LIMIT)

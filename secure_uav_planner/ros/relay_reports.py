@@ -84,8 +84,8 @@ class RelayReports:
     """
     The last report of each relay on each UAV.
 
-    Of several relays that report on a UAV, one that passes setpoints on counts first: the vehicle
-    gets them, whatever the others do.
+    Several relays may report on a UAV. A relay that passes setpoints on counts first, because
+    then the vehicle gets its setpoints.
 
     :param clock: returns a time in s that is never set back.
     """

@@ -33,7 +33,7 @@ def find_starts(plan: Plan) -> tuple[int, ...]:
     """Return the start of a plan [ns]; of one without, the starts that `plan --mcap` records."""
     if plan.start_ns is not None:
         return (plan.start_ns,)
-    return 0, round(-plan.curve.begin * 1e9)  # Of version 0.1.0, and of this one.
+    return 0, round(-plan.curve.begin * 1e9)  # Version 0.1.0 has 0, this one the other.
 
 
 @dataclass
@@ -190,8 +190,8 @@ def _find_plan_times(reports: Sequence[Report], origin_ns: int, start_ns: int) -
     counts = before | after
     if not counts.any():
         return None
-    # Between two reports, the plan's time begins or ceases to stand: it advances at the pace [s of
-    # the clock for each s of the plan] of the next or the last whole step.
+    # The plan's time begins or ceases to stand between two reports. It advances there at the pace
+    # [s of the clock for each s of the plan] of the next or the last whole step.
     steps = np.diff(flown)
     paces = np.diff(clock) / np.where(advances, steps, np.inf)
     ends = np.flatnonzero(before[2:] & before[1:-1] & ~after[2:]) + 2

@@ -223,7 +223,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
                         slots)),
                     (achieved, flown, _find_flown_means(flight, revision, flown, find_rates))):
                 rates[kind][:, chosen] = revision.shares[:, chosen] * np.maximum(means, 0.0)
-    # In a short slot at a gap, a position between a known one and the gap may be needed.
+    # The rate of a short slot at a gap may need a position inside the gap.
     covered &= np.isfinite(achieved['guaranteed']).all(axis=0)
     return Comparison(
         flight, {name: errors for name, (errors, _) in measured.items()},

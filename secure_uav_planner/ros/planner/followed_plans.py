@@ -25,7 +25,7 @@ ADOPTION_GRACE = 2.0  # Time [s] that a follower has to adopt a plan after it co
 
 class FollowedPlans:
     """
-    The last plans, which of them a follower flies, and at what time of the plan.
+    The last plans of the planner, the one that a follower flies, and its present plan time.
 
     The follower that flies first is followed until its flight ends or it is silent. `now` is the
     node's time in s.

@@ -279,7 +279,7 @@ class Replay(WorkingNode):
         self._stops += 1
         self._is_paused = False
         self._player.reset()
-        self._on_tick()  # So that plan_time is published before the answer, as by the others.
+        self._on_tick()  # So that plan_time is published before the answer.
         return True, 'back at the start'
 
     # Time
