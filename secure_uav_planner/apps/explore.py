@@ -51,7 +51,7 @@ class Editor:
     :param source: the MissionText of the first mission.
     :ivar version: number that grows with each change that the page should show.
     :ivar numbered: the version since which the shapes of the map have their numbers.
-    :ivar unscaled: the (duration, slots) of a mission, by the pair that the slider set.
+    :ivar unscaled: (duration, slots) before the slider, by the (duration, slots) that it set.
     :ivar problem: why the last edit was refused, '' if it was taken.
     :ivar progress: text on the progress of the last solve.
     :ivar source: the MissionText, which reads and changes texts.
