@@ -319,7 +319,7 @@ def adapt_plan(problem: Problem, plan: Plan,
         feasible = retracted
     try:
         for limit in problem.limits:
-            # Flights near a plan keep the limits of motion; solvers may exceed energy limits first.
+            # Flights near a plan keep the limits of motion; solvers may exceed energy limits.
             if feasible is not None and not isinstance(limit, (EnergyLimit, NormLimit)):
                 limit.validate(feasible, powers)
     except PlanError:
