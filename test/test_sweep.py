@@ -19,6 +19,7 @@ import pytest
 from secure_uav_planner import Plan, run_campaign, Scenario, solve
 from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.apps.tasks import make_task, run_task
 from strategies import with_eavesdroppers
 from test_cli import MODULE, PATIENCE
 
@@ -326,6 +327,12 @@ def test_a_fault_of_the_program_is_told_as_one_and_not_planned_again(
     rows = journal()
     assert len(rows) == 16
     assert [row['outcome'] for row in rows].count('fault') == 8
+
+
+def test_an_own_planner_that_exits_fails_in_its_mission_only():
+    row = run_task(make_task(Scenario.paper(110.0, slots=11).to_dict(), 'sys:exit', 'worst_case',
+                             {'time_limit': None, 'bound_time_limit': None}, {}))
+    assert row['outcome'] == 'fault' and row['reason'].startswith('SystemExit: ')
 
 
 @pytest.mark.slow

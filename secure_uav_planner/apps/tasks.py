@@ -110,7 +110,7 @@ def run_task(task: Task) -> Row:
         row.update(outcome=error.code, reason=str(error))
     except (MemoryError, OSError) as error:
         row.update(outcome=ERROR, reason=describe_error(error))
-    except Exception as error:  # A fault in one mission must not end the campaign.
+    except (Exception, SystemExit) as error:  # One mission must not end the campaign.
         *_, last = traceback.extract_tb(error.__traceback__)
         row.update(outcome=FAULT, reason=f'{describe_error(error)} '
                    f'({Path(last.filename).name}, line {last.lineno})')
