@@ -326,6 +326,16 @@ def test_the_command_prints_draws_and_tells_by_its_status(plan, flight, tmp_path
     assert "'uav1=3,4'; it must be UAV=X,Y in m, once for each UAV" in err
 
 
+def test_uavs_of_any_name_are_in_both_legends_of_the_picture(plan, tmp_path):
+    uavs = [replace(uav, name=name)
+            for uav, name in zip(plan.scenario.uavs, ('$^$', '_b'), strict=True)]
+    named = replace(plan, scenario=replace(plan.scenario, uavs=tuple(uavs)))
+    write_csv(fly(named), tmp_path / 'flight.csv', START_NS * 1e-9)
+    figure = compare(named, read_flight(tmp_path / 'flight.csv', named)).plot()
+    figure.savefig(tmp_path / 'flight.png')
+    for panel in figure.axes[:2]:
+        texts = [text.get_text() for text in panel.get_legend().get_texts()]
+        assert {r'\$^\$', ' _b'} <= set(texts)
 def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):
     flight = fly(plan, 0.0, 0.0)
     write_csv(flight, tmp_path / 'whole.csv', START_NS * 1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .drawing import add_legend, EAVESDROPPER, map_extent, RATE, style_axes, uav_color
 from .figures import own_settings, Picture
-from .map import draw_ground, set_up_map
+from .map import draw_ground, set_up_map, wrap_name
 
 _TALL = (10.0, 6.0), [['map', 'errors'], ['map', 'rates']]  # Size in inches, and places.
 _WIDE = (9.0, 9.0), [['map'], ['errors'], ['rates']]
@@ -55,7 +55,8 @@ def _draw_paths(axes: Any, comparison: Any, extent: Any) -> None:
     for index, name in enumerate(comparison.uavs):
         color = uav_color(index)
         axes.plot(*planned[index].T, color=color, linewidth=0.8, linestyle='--')
-        axes.plot(*flight.positions[index].T[:2], color=color, linewidth=1.6, label=name)
+        axes.plot(*flight.positions[index].T[:2], color=color, linewidth=1.6,
+                  label=wrap_name(name))
     largest = np.nan_to_num([errors.error_max_m for errors in comparison.uavs.values()])
     index = int(largest.argmax())
     if largest[index] > _LEAST_MARKED_M:
@@ -70,7 +71,8 @@ def _draw_errors(axes: Any, comparison: Any) -> None:
     """Draw the distance of each UAV from its planned path over time, and the margin."""
     flight, plan = comparison.flight, comparison.plan
     for index, (name, errors) in enumerate(zip(comparison.uavs, comparison.errors, strict=True)):
-        axes.plot(flight.times, errors, color=uav_color(index), linewidth=1.0, label=name)
+        axes.plot(flight.times, errors, color=uav_color(index), linewidth=1.0,
+                  label=wrap_name(name))
     if plan.scenario.tracking_margin:
         axes.axhline(plan.scenario.tracking_margin, color='black', linestyle='--', linewidth=1.0,
                      label='tracking margin')
