@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from threading import Event
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,6 +11,7 @@ import pytest
 from ros_nodes import has_said, node_here, node_process, wait_for, wait_for_line
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
+from secure_uav_planner.ros.planner.solver import SolverThread
 from sensor_msgs.msg import TimeReference
 
 PLAN = replace(fly_hover_fly(Scenario.paper(104, slots=8)), start_ns=10**18)
@@ -128,6 +130,15 @@ def test_a_plan_that_cannot_be_restored_is_one_short_warning_and_is_replaced(
     assert max(map(len, process.lines)) < 1000
     assert not has_said(process, 'Traceback')
     assert other or Plan.load(file).scenario.slots == 20
+
+
+def test_a_file_is_saved_while_a_solve_goes_on():
+    solver, may_end, saved = SolverThread(lambda work: work(), lambda: None), Event(), Event()
+    solver.start(lambda job: may_end.wait(60.0), lambda result: None)
+    solver.save(saved.set)
+    assert saved.wait(10.0) and solver.is_solving
+    may_end.set()
+    assert solver.close(10.0)
 
 
 def test_a_plan_file_belongs_to_one_planner_at_a_time(client, file):

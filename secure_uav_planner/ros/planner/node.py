@@ -416,9 +416,9 @@ class Planner(WorkingNode):
         self._solver.start(lambda job: job.prove_bound(plan), finish, is_solve=False)
 
     def _save(self, plan: Plan) -> None:
-        """Save a plan in the solver's thread, since writing to a disk takes time."""
+        """Save a plan in another thread, since writing to a disk takes time."""
         if file := self._plan_file:
-            self._solver.run(partial(
+            self._solver.save(partial(
                 save_plan, plan, file, self._settings.frame_id, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:

@@ -88,7 +88,8 @@ class SolverThread:
     """
     Runs the newest job; an older one is stopped first, and its result is dropped.
 
-    All methods and `job` belong to the state thread.
+    Files are saved in a second thread, so that a save does not wait for a solve. All methods and
+    `job` belong to the state thread.
 
     :param post: called with a function that is to run in the state thread.
     :param on_progress: called in the state thread from time to time during a solve.
@@ -99,8 +100,10 @@ class SolverThread:
                  on_progress: Callable[[], None]) -> None:
         self._post, self._on_progress = post, partial(post, on_progress)
         self._pool = ThreadPoolExecutor(1, 'solver')
+        self._saver = ThreadPoolExecutor(1, 'saver')
         self._last: 'Future[Any]' = Future()  # Future of the newest work.
         self._last.set_result(None)
+        self._last_save = self._last
         self.job: Job | None = None
 
     @property
@@ -144,13 +147,12 @@ class SolverThread:
                 self.job = None
                 then(result)
 
-        self.run(partial(work, job)).add_done_callback(
-            lambda future: self._post(partial(finish, future)))
+        self._last = self._pool.submit(partial(work, job))
+        self._last.add_done_callback(lambda future: self._post(partial(finish, future)))
 
-    def run(self, work: Callable[[], Any]) -> 'Future[Any]':
-        """Run a function in the solver's thread, after all earlier jobs."""
-        self._last = self._pool.submit(work)
-        return self._last
+    def save(self, work: Callable[[], None]) -> None:
+        """Run a function that writes a file, after all earlier ones, beside a solve."""
+        self._last_save = self._saver.submit(work)
 
     def stop(self) -> None:
         """Stop the present job, and drop its result."""
@@ -159,7 +161,8 @@ class SolverThread:
             self.job = None
 
     def close(self, timeout: float) -> bool:
-        """Stop for good; return True if the thread has ended within the timeout [s]."""
+        """Stop for good; return True if both threads have ended within the timeout [s]."""
         self.stop()
-        self._pool.shutdown(wait=False)
-        return not wait([self._last], timeout).not_done
+        for pool in (self._pool, self._saver):
+            pool.shutdown(wait=False)
+        return not wait([self._last, self._last_save], timeout).not_done
