@@ -336,6 +336,8 @@ def test_uavs_of_any_name_are_in_both_legends_of_the_picture(plan, tmp_path):
     for panel in figure.axes[:2]:
         texts = [text.get_text() for text in panel.get_legend().get_texts()]
         assert {r'\$^\$', ' _b'} <= set(texts)
+
+
 def test_what_a_log_does_not_know_is_taken_from_its_other_samples(plan, tmp_path):
     flight = fly(plan, 0.0, 0.0)
     write_csv(flight, tmp_path / 'whole.csv', START_NS * 1e-9)
