@@ -129,6 +129,7 @@ def test_a_field_of_all_members_that_one_of_them_lacks_is_refused():
         (f'mission: mission.yaml\n{line}', words) for line, words in (
             ('vary: 7', 'vary is 7'), ('vary: {uavs.7.altitude: [1]}', 'no field'),
             ('vary: {uavs.².altitude: [1]}', 'no field'),
+            ('vary: {geofence.*.0: [1]}', 'no field'), ('vary: {slots.*.x: [1]}', 'no field'),
             ('vary: {duration: []}', 'must be a list of values'),
             *((f'vary: {{uavs.0.start{end}: [[90, 500]], uavs.{uav}.start: [[80, 500]]}}',
                'set the same field') for end, uav in (('', '*'), ('.0', '0'))),

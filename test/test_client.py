@@ -44,7 +44,6 @@ def test_the_last_plan_is_the_published_one_for_the_last_estimate_whatever_a_str
     stranger = planner.node.create_publisher(String, 'plan', LATCHED)
     stranger.publish(String(data='[]'))  # It is not a plan, and ends no call.
     plan = planner.plan()
-    planner.node.destroy_publisher(stranger)
     wait_for(lambda: planner.status.plan.identity == plan.identity)
     assert plan.guaranteed_rate == pytest.approx(
         planner.status.plan.guaranteed_rate, rel=1e-5)

@@ -213,5 +213,6 @@ def test_receivers_that_move_go_on_while_a_flight_is_late(plan, tmp_path):
     write_bag(flight, tmp_path / 'replanned', [(-math.inf, on_time), (begin + 5.0, revision)],
               late=5.0)
     comparison = compare(on_time, read_flight(tmp_path / 'replanned', on_time))
+    assert comparison.promised.tolist() == 24 * [False] + 31 * [True]
     assert comparison.achieved['guaranteed'].sum(axis=0)[:24] == pytest.approx(
         late.curve_rates[:24], rel=0.01, abs=0.01)

@@ -201,7 +201,8 @@ class Campaign(Checked):
         """Return a varied field's name with the index of each member for its first `*`."""
         head, star, rest = name.partition('.*.')
         return [f'{head}.{number}.{rest}' for owner, key in _resolve_field(self._base, head)
-                if star for number in range(len(owner[key]))] or [name]
+                if star and isinstance(owner[key], list)
+                for number in range(len(owner[key]))] or [name]
 
     @cached_property
     def grid(self) -> dict[str, list[Any]]:

@@ -101,7 +101,7 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
         raise OptionError(
             f'jobs is {quote(jobs)}; it must be a whole number from 1, or -1 for all cores')
     journal = folder / journal_name(shard)
-    with naming(journal), _open_journal(journal) as file:
+    with _open_journal(journal) as file:
         recorded = _read_rows(folder)
         rows = {task['key']: _finished_row(recorded.get(task['key']), task, folder)
                 for task in tasks()}
@@ -119,8 +119,10 @@ def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
             if plan is not None:
                 plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
                 plan.save(plan_path(folder, row['key']))
-            file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
-            file.flush()
+            line = json.dumps(row, allow_nan=False).encode() + b'\n'
+            with naming(journal):  # No buffer is left, which closing would write again.
+                while line:
+                    line = line[os.write(file.fileno(), line):]
             rows[row['key']] = row
             progress.add(row)
         progress.report()

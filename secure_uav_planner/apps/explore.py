@@ -102,6 +102,8 @@ class Editor:
         """
         if text != self.text:
             self.edit(to_mission(self.source.read(text)), text)
+        elif self.problem:
+            self.step(0)
 
     def step(self, steps: int) -> None:
         """Redo a number of edits, or undo them if it is negative; stop at the history's ends."""

@@ -297,7 +297,8 @@ def _find_team(reader: Any, plan: Plan) -> list[str] | None:
 
     None is returned for one team, whose topics may be in several namespaces, and for none.
     """
-    identities = {plan.identity, replace(plan, start_ns=plan.start_ns or 0).identity}
+    identities = {plan.identity, *(
+        replace(plan, start_ns=start_ns).identity for start_ns in find_starts(plan))}
     by_role = {role: [item for item in reader.connections
                       if item.topic.rpartition('/')[2] == role and item.msgtype == _TYPES[role]]
                for role in ('plan_time', 'plan')}

@@ -1,7 +1,7 @@
 """A flown flight against its plan: errors, clearances, rates achieved and slots that broke."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import Any, TYPE_CHECKING
@@ -208,14 +208,20 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     # Rates of each ground node times its shares, (G, N) in bit/s/Hz, by objective.
     achieved, planned = ({kind: np.full(plan.shares.shape, np.nan) for kind in OBJECTIVES}
                          for _ in range(2))
-    promised = np.zeros(plan.scenario.slots, bool)
+    promised, notes = np.zeros(plan.scenario.slots, bool), list[str]()
     # `revision` is the plan that was in force in `slots`.
     for revision, slots in flight.course.split_slots():
         promised[slots], flown = revision.promised_slots[slots], slots[covered[slots]]
-        if revision.promised_until is not None or revision.scenario.has_tracks:
-            begins = revision.times[1:-1]
+        # By plan_time the reports have ended the promise of a late flight.
+        if flight.time_from != 'plan_time' and (
+                revision.promised_until is not None or revision.scenario.has_tracks):
+            begins = revision.times[1:-1][slots]
             is_late = np.abs(flight.due_at(begins, revision) - begins) > PUNCTUAL
-            promised &= ~np.maximum.accumulate(is_late)
+            promised[slots] &= ~np.maximum.accumulate(is_late)
+            if is_late.any():
+                notes.append(f'the promise of {revision.identity} ends at '
+                             f'{begins[np.argmax(is_late)]:.1f} s: the flight was early or late '
+                             'for receivers that move')
         for kind, find_rates in NODE_RATES.items():
             for rates, chosen, means in (
                     (planned, slots, mean_node_rates(
@@ -226,7 +232,8 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     # The rate of a short slot at a gap may need a position inside the gap.
     covered &= np.isfinite(achieved['guaranteed']).all(axis=0)
     return Comparison(
-        flight, {name: errors for name, (errors, _) in measured.items()},
+        replace(flight, notes=(*flight.notes, *notes)),
+        {name: errors for name, (errors, _) in measured.items()},
         find_separation(flight), find_zone(flight), find_fence(flight), covered,
         promised, {kind: read_only(rates) for kind, rates in achieved.items()},
         {kind: read_only(rates) for kind, rates in planned.items()},

@@ -72,25 +72,36 @@ class FlownFlight:
         The last power set before a time holds, and 0 W holds before the first one.
         """
         times, rows = checked_array('times', times, (None,)), []
-        for log, clock in zip(self.logs.values(), self.clocks, strict=True):
+        for index, log in enumerate(self.logs.values()):
             if log.powers is None:
                 return None
             set_times, watts = log.powers
             last = np.searchsorted(  # A power set at a time holds then, within 1e-6 s.
-                set_times, np.interp(times, self.times, clock) + 1e-6, 'right') - 1
+                set_times, np.interp(times, *self._pair_times(index)) + 1e-6, 'right') - 1
             rows.append(np.where(last < 0, 0.0, watts[np.maximum(last, 0)]))
         return np.stack(rows)
 
     def find_power_changes(self) -> Array:
         """Return the times (C,) [s] from point 0 at which the power set for a UAV changes."""
         changes = [np.zeros(0)]
-        for log, clock in zip(self.logs.values(), self.clocks, strict=True):
-            known = np.isfinite(clock)
-            if log.powers is not None and known.any():
+        for index, log in enumerate(self.logs.values()):
+            flown, clock = self._pair_times(index)
+            if log.powers is not None and len(clock):
                 set_times, watts = log.powers
-                changes.append(np.interp(set_times[1:][np.diff(watts) != 0], clock[known],
-                                         self.times[known]))
+                changes.append(np.interp(set_times[1:][np.diff(watts) != 0], clock, flown))
         return np.concatenate(changes)
+
+    def _pair_times(self, index: int) -> tuple[Array, Array]:
+        """
+        Return times from point 0 and times of a UAV's log, (K,) each in s.
+
+        Where reports of plan_time tell them, a pause is a single time from point 0.
+        """
+        log, clock = [*self.logs.values()][index], self.clocks[index]
+        if self.time_from == 'plan_time' and log.plan_times is not None:
+            return log.plan_times[1], log.plan_times[0]
+        known = np.isfinite(clock)
+        return self.times[known], clock[known]
 
     def due_at(self, times: Array, plan: Plan) -> Array:
         """
@@ -112,7 +123,7 @@ class FlownFlight:
         else:
             return times
         due = np.asarray(plan.promise_speed * (
-            np.interp(times, self.times, self.clocks[0]) - begin - plan.promise_delay))
+            np.interp(times, *self._pair_times(0)) - begin - plan.promise_delay))
         late = np.abs(due - times)
         counts = (self.time_from in ('plan_time', 'utc')) | (
             (late > 1.0) & (late < plan.scenario.duration))
