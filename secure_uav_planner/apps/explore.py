@@ -284,7 +284,7 @@ def _edit(editor: Editor, changes: list[tuple[Any, Any]], text: str, values: lis
     if not changes:
         raise PreventUpdate
     try:
-        if version == editor.version or ('yaml', None) in changes:
+        if version == editor.version or editor.problem or ('yaml', None) in changes:
             editor.write(text)
         # Two changes come at once if a button is tapped while a field has the focus.
         for trigger, value in sorted(changes, key=lambda change: 'do' in change[0]):
