@@ -66,8 +66,8 @@ class FollowerReports:
         self._scale = None
         if self._pairs and clock_ns < self.last_ns:
             self._pairs.clear()  # The clock has jumped back.
-        elif self._pairs and plan_ns < self.plan_ns:
-            self._pairs.clear()  # The plan begins anew.
+        elif self._pairs and plan_ns < self.plan_ns - PUNCTUAL * 1e9:
+            self._pairs.clear()  # The plan begins anew; a smaller step back is an error.
             self._begin_ns, self._first_scale = None, 0.0
         elif self._pairs and clock_ns == self.last_ns:
             self._pairs.pop()  # The clock stands still, as simulated time may.

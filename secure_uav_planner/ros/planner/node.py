@@ -409,7 +409,8 @@ class Planner(WorkingNode):
                 self.get_logger().error(f'the bound cannot be computed: {describe_error(error)}')
                 return
             self._state.bound = bound
-            self._save(plan.with_bound(bound))
+            # The promise of the plan may have ended during the proof.
+            self._save((self._state.plan or plan).with_bound(bound))
             self.get_logger().info(f'{plan.rate:.4f} bit/s/Hz, {bound.claim(plan)}')
             self._publish_status()
 

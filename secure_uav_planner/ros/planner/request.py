@@ -30,6 +30,7 @@ DELIVERY_S = 0.2
 _RESERVE_S = 1.0
 _RELEASE_S = 1.0  # Time from a solve without a start_delay to point 0, where receivers move.
 _SHORTEST_SOLVE_S = 0.01
+_MEASURED = 0.01  # Error of a playback speed that reports tell, relative to real time.
 
 Outgoing: TypeAlias = tuple[Plan, dict[str, bytes]]
 """A plan and its serialized messages by topic."""
@@ -261,6 +262,8 @@ def make_request(settings: PlannerSettings, poses: PoseBook, start: StartTime,
     if start.delay:
         # A new plan is flown on at the playback speed of the flight, from its first setpoint on.
         time_scale = flight.time_scale if flight and flight.state == 'flying' else 1.0
+        if abs(time_scale - 1.0) < _MEASURED:
+            time_scale = 1.0
         later = start.lead_in * (1 / time_scale - 1)
     clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + later, time_scale)
     end = settings.duration * (settings.slots + 1) / settings.slots  # Point N+1 [s].

@@ -118,7 +118,7 @@ class Replay(WorkingNode):
         # A plan, and its frame, that came before simulated time was known.
         self._undated: tuple[Plan, str] | None = None
         self._stops = 0  # Calls of ~/pause and ~/reset.
-        self._is_paused = False  # Whether ~/pause was called since the last ~/start or ~/reset.
+        self._is_paused = False  # Whether ~/pause has stopped a flight since ~/start or ~/reset.
         self._make_interface()
         if plan is not None:
             self._adopt(plan, frame_id or self._frame_id)
@@ -171,6 +171,7 @@ class Replay(WorkingNode):
             self._undated = plan, frame_id
             self._refuse('simulated time is not known yet; publish /clock')
             return
+        self._undated = None
         names = [uav.name for uav in plan.scenario.uavs]
         if names != self._uavs:
             self._refuse(f'it is for {quote(names)}, and uavs is {quote(self._uavs)}')
@@ -292,8 +293,7 @@ class Replay(WorkingNode):
                    else self._ticked - before + _CLOCK_ERROR)
         now, player = clock.nanoseconds, self._player
         if now and self._undated is not None:
-            undated, self._undated = self._undated, None
-            self._take(*undated)
+            self._take(*self._undated)
         if not player.streaming:
             self._streamed = 0
             if player.playing and (waits := self._release.update(self._unmet_conditions(now))):
@@ -375,6 +375,8 @@ class Replay(WorkingNode):
         """Log when the flight enters slots that are not promised, and when it leaves them."""
         flight, plan = self._flight, self._flight.playback.plan
         slot = flight.playback.find_slot(flight.time)
+        if flight.time < plan.scenario.slot_duration:
+            self._is_promised = True  # Each flight is told anew.
         if not slot or plan.promised_slots[slot - 1] == self._is_promised:
             return
         self._is_promised = not self._is_promised
