@@ -193,7 +193,9 @@ def test_errors_and_broken_slots_of_a_flight_in_physics_are_found_in_every_log(
     assert 3 < broken.sum() < 20
     for kind, comparison in compare_logs(lost, tmp_path):
         assert comparison.broken.tolist() == broken.tolist(), kind
-        assert comparison.achieved['guaranteed'].sum(axis=0) == pytest.approx(flown, abs=0.01)
+        achieved = comparison.achieved['guaranteed'].sum(axis=0)
+        assert achieved[1:] == pytest.approx(flown[1:], abs=0.01)
+        assert achieved[0] == pytest.approx(flown[0], rel=0.03)  # Power is logged 0.02 s late.
         for name, errors in flown_errors(lost).items():
             assert comparison.uavs[name].error_rms_m == pytest.approx(
                 np.sqrt((errors**2).mean()), rel=0.02), kind
