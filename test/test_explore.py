@@ -256,13 +256,13 @@ def test_each_slider_and_its_box_set_the_field_of_their_label(browser, tmp_path)
         for number, (owner, field, slider) in enumerate(sliders):
             _, high, step = slider.args
             for selector, size in (('[role=slider]', step), ('.dash-range-slider-input', 1.0)):
-                before, yaml = read_field(to_mission(page.mission), owner, field), page.yaml
-                after = min(before + size, high)
+                after = min(read_field(to_mission(page.mission), owner, field) + size, high)
                 browser.find_elements(By.CSS_SELECTOR, f'#fields {selector}')[number].send_keys(
                     *[Keys.ARROW_RIGHT] if 'slider]' in selector else (
                         Keys.CONTROL, 'a', Keys.NULL, f'{after:g}', Keys.TAB))
-                wait_for(browser, lambda: page.yaml != yaml)
-                assert read_field(to_mission(page.mission), owner, field) == pytest.approx(after)
+                # A browser under load may send a number before its last digit.
+                wait_for(browser, lambda: read_field(
+                    to_mission(page.mission), owner, field) == pytest.approx(after))
 
 
 def test_steps_of_the_duration_keep_the_length_of_slots_as_one_step_does(tmp_path):
