@@ -226,7 +226,7 @@ def read_bag(path: str | os.PathLike[str], uavs: Sequence[str], plan: Plan) -> F
     def to_clock(times_ns: Any) -> Any:
         """Return times [ns] of the headers' clock from origin_ns at times of arrival [ns]."""
         times, known = np.asarray(times_ns) - arrival_ns, stamps[order] - arrival_ns
-        inside = np.clip(times, known[0], known[-1])  # Outside the clock goes on at its pace.
+        inside = np.clip(times, known[0], known[-1])  # The clock runs on before and after.
         return np.interp(inside, known, headers[order] - origin_ns) + times - inside
 
     logs = {}

@@ -212,7 +212,7 @@ def compare(plan: Plan, flight: FlownFlight) -> Comparison:
     # `revision` is the plan that was in force in `slots`.
     for revision, slots in flight.course.split_slots():
         promised[slots], flown = revision.promised_slots[slots], slots[covered[slots]]
-        # By plan_time the reports have ended the promise of a late flight.
+        # Reports on plan_time have already ended the promise of a late flight.
         if flight.time_from != 'plan_time' and (
                 revision.promised_until is not None or revision.scenario.has_tracks):
             begins = revision.times[1:-1][slots]

@@ -376,7 +376,7 @@ class Replay(WorkingNode):
         flight, plan = self._flight, self._flight.playback.plan
         slot = flight.playback.find_slot(flight.time)
         if flight.time < plan.scenario.slot_duration:
-            self._is_promised = True  # Each flight is told anew.
+            self._is_promised = True  # Warn again in each flight.
         if not slot or plan.promised_slots[slot - 1] == self._is_promised:
             return
         self._is_promised = not self._is_promised
