@@ -169,10 +169,22 @@ def mean_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
     :param slots: indices from 0 of M slots, by default all.
     """
     slots = np.arange(scenario.slots) if slots is None else np.asarray(slots)
-    rates = np.zeros((len(scenario.ground_nodes), len(slots)))
-    for place, weight in GAUSS_LEGENDRE if len(slots) else ():
-        times = np.asarray((slots + 1.5 + place) * scenario.slot_duration, float)
-        positions, powers, receiver_times = state_at(times)
+    return average_node_rates(scenario, find_rates, state_at, lambda place: np.asarray(
+        (slots + 1.5 + place) * scenario.slot_duration, float))
+
+
+def average_node_rates(scenario: Scenario, find_rates: Callable[..., Array],
+                       state_at: Callable[[Array], tuple[Array, Array, Array]],
+                       times_at: Callable[[float], Array]) -> Array:
+    """
+    Return each node's mean rate over each of K intervals by Gauss-Legendre, (G, K) in bit/s/Hz.
+
+    :param find_rates: as in mean_node_rates, and so is state_at.
+    :param times_at: times (K,) in s that lie `place` lengths of their interval from its middle.
+    """
+    rates = np.zeros((len(scenario.ground_nodes), len(times_at(0.0))))
+    for place, weight in GAUSS_LEGENDRE if rates.shape[1] else ():
+        positions, powers, receiver_times = state_at(times_at(place))
         # The rates ignore the first and the last point, which are padding here.
         rates += weight * find_rates(
             scenario, np.pad(positions, ((0, 0), (1, 1), (0, 0))), powers, times=receiver_times)

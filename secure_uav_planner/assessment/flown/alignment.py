@@ -112,7 +112,7 @@ def _find_takeoff_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequen
     The shift is the median over UAVs of the time in the log minus the time in the plan. Its
     uncertainty is half of the range, at least _LEFT_S.
     """
-    times = _sample_times(course)
+    times = sample_times(course)
     planned = course.at(times).positions
     shifts = []
     for log, uav in zip(logs, uavs, strict=True):
@@ -145,7 +145,7 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     clock = first + STEP_S * np.arange(math.ceil(length / STEP_S) + 1)
     lags, means, counts = _measure_lags(
         [log.positions_at(clock)[:, :2] for log in logs], course, uavs, is_moved)
-    planned = len(logs) * len(_sample_times(course))
+    planned = len(logs) * len(sample_times(course))
     means[counts < _LEAST_OVERLAP * planned] = np.inf
     best = int(np.argmin(means))
     if not math.isfinite(means[best]):
@@ -155,7 +155,7 @@ def fit_shift(logs: Sequence[VehicleLog], course: Course, uavs: Sequence[int],
     rms, seconds = math.sqrt(means[best]), _refine_lag(lags, means, best)
     second, second_rms = _find_second_minimum(lags, means, best)
     if second_rms < _ALIKE * rms + _ALIKE_M:
-        if rms > _POOR * np.ptp(course.at(_sample_times(course)).positions, axis=1).max():
+        if rms > _POOR * np.ptp(course.at(sample_times(course)).positions, axis=1).max():
             raise LogFileError(f'no time fits: it flies {rms:.0f} m RMS from the plan at best')
         raise LogFileError(
             f'two times fit alike: shifts of {lags[best]:.1f} s ({rms:.2f} m) and '
@@ -193,7 +193,7 @@ def find_delay(positions: Array, course: Course, uav: int) -> float:
 
     :param positions: (K, 2) in m at the times of the course in steps of STEP_S; NaN in gaps.
     """
-    planned = course.at(_sample_times(course)).positions[uav]
+    planned = course.at(sample_times(course)).positions[uav]
     if np.ptp(planned, axis=0).max() < _LEFT_M or not np.isfinite(positions).any():
         return math.nan
     lags, means, counts = _measure_lags([positions], course, [uav], False)
@@ -217,7 +217,7 @@ def _measure_lags(tracks: Sequence[Array], course: Course, uavs: Sequence[int], 
     :param is_moved: True if each track's frame may be displaced: |sum (flown - planned)|^2 / n is
         subtracted for n samples, which leaves the squared distances from the mean difference.
     """
-    times = _sample_times(course)
+    times = sample_times(course)
     planned = course.at(times).positions
     squares, counts = np.zeros(1), np.zeros(1)
     for track, uav in zip(tracks, uavs, strict=True):
@@ -254,7 +254,7 @@ def _correlate(values: Array, kernel: Array) -> Array:
     return np.asarray(scipy.signal.correlate(values, kernel, mode='full', method='fft'))
 
 
-def _sample_times(course: Course) -> Array:
+def sample_times(course: Course) -> Array:
     """Return the times [s] of a course in steps of STEP_S, (K,)."""
     return np.arange(course.begin, course.end + STEP_S / 2, STEP_S)
 

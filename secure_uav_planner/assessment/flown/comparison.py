@@ -22,7 +22,7 @@ from ...mission.scenario import Array, read_only
 from ...mission.validation import checked_kind
 from ...model.channel import NODE_RATES
 from ...model.channel.rates import find_least_rate
-from ...model.curve import GAUSS_LEGENDRE, mean_node_rates
+from ...model.curve import average_node_rates, mean_node_rates
 from ...output.flown_table import comparison_table
 from ...plan.plan import Plan
 from ...plan.tracking import PUNCTUAL
@@ -270,16 +270,16 @@ def _find_flown_means(flight: FlownFlight, plan: Plan, slots: NDArray[np.intp],
     piece_slots = np.floor(middles / step).astype(int) - 1
     is_flown = np.isin(piece_slots, slots)
     middles, lengths, piece_slots = middles[is_flown], lengths[is_flown], piece_slots[is_flown]
-    for place, weight in GAUSS_LEGENDRE if len(slots) else ():
-        times = middles + place * lengths
+
+    def find_state(times: Array) -> tuple[Array, Array, Array]:
+        """Return positions [m], powers [W], and the times [s] of the receivers' places."""
         powers = flight.powers_at(times)
-        # The rates ignore the first and the last point, which are padding here.
-        rates = find_rates(
-            scenario, np.pad(flight.at(times), ((0, 0), (1, 1), (0, 0))),
-            plan.powers[:, piece_slots] if powers is None else powers,
-            times=flight.due_at(times, plan))
-        np.add.at(means.T, np.searchsorted(slots, piece_slots),
-                  (weight * lengths / step * rates).T)
+        return (flight.at(times), plan.powers[:, piece_slots] if powers is None else powers,
+                flight.due_at(times, plan))
+
+    rates = average_node_rates(
+        scenario, find_rates, find_state, lambda place: middles + place * lengths)
+    np.add.at(means.T, np.searchsorted(slots, piece_slots), (lengths / step * rates).T)
     return means
 
 

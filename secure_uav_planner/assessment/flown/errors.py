@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .alignment import find_delay, STEP_S
+from .alignment import find_delay, sample_times, STEP_S
 from .flight import find_jumps, FlownFlight
 from ...mission.validation import Array, find_runs
 from ...model.curve import integrate_powers
@@ -115,7 +115,7 @@ def _measure_cross_track(flight: FlownFlight, index: int) -> Array:
     """
     flown = np.nan_to_num(flight.positions[index, :, :2])
     max_speed = flight.plan.scenario.uavs[index].max_speed
-    samples = np.arange(flight.course.begin, flight.course.end + STEP_S, STEP_S)
+    samples = sample_times(flight.course)
     path = flight.course.at(samples).positions[index]
     times = samples[scipy.spatial.cKDTree(path).query(flown)[1]]
     for number in range(_PROJECTIONS + 1):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .alignment import find_clock, find_shift, find_time_source, fit_shift, Shift, STEP_S
+from .alignment import find_clock, find_shift, find_time_source, fit_shift, sample_times, Shift
 from .course import Course
 from .log import refuse_damage, VehicleLog
 from .place import check_place, place_logs, START_TOLERANCE_M
@@ -161,7 +161,7 @@ def read_flight(source: PathLike | Mapping[str, PathLike], plan: Plan,
     course, names = recording.course, [*recording.logs]
     logs, placed = place_logs(recording.logs, plan.scenario, shifts)
     time_from = at or find_time_source([*logs.values()], course)
-    times = np.arange(course.begin, course.end + STEP_S / 2, STEP_S)
+    times = sample_times(course)
     shift_of: dict[str, Shift] = {}
     clocks, doubts = [], list[str]()
     for group in [names] if recording.is_shared else [[name] for name in names]:
