@@ -188,7 +188,7 @@ def _open_journal(path: Path) -> Iterator[BinaryIO]:
 def _read_rows(folder: Path) -> dict[str, Row]:
     """Return the last row of each key in a folder's journals; print numbers of damaged lines."""
     rows: dict[str, Row] = {}
-    for path in sorted([*folder.glob('results.jsonl'), *folder.glob('results-*-of-*.jsonl')]):
+    for path in sorted([*folder.glob(JOURNAL), *folder.glob('results-*-of-*.jsonl')]):
         damaged = []
         with open(path, 'rb') as file:
             for number, line in enumerate(file, start=1):

@@ -106,9 +106,9 @@ def _estimate(grid: Grid, visits: Visits, flights: Array,
     # Rates are at least `lacks`: for a node without a positive rate this is lack * 2^(best rate),
     # which rises with its negative best rate.
     lacks = VISIT_SEARCH.lack * 2.0 ** np.minimum(rates.max(axis=-1, keepdims=True), 0.0)
-    rates = np.maximum(rates, lacks) * (grid.weight / scenario.node_weights)[:, None, None]
-    offsets = scenario.node_offsets * (grid.weight / scenario.node_weights)
-    return _bound_least_rates(np.moveaxis(rates, 0, 1), offsets), power, delivers
+    scales = grid.weight / scenario.node_weights
+    rates = np.moveaxis(np.maximum(rates, lacks) * scales[:, None, None], 0, 1)
+    return _bound_least_rates(rates, scenario.node_offsets * scales), power, delivers
 
 
 def _join(values: Array) -> Array:
